@@ -102,10 +102,10 @@ _PUBLIC = {
     "FitContext": "inference.settings",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
-    "LogDensity": "app.log_density",
+    "LogDensity": "app.fit_campaign",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
-    "log_density": "app.log_density",
+    "log_density": "app.fit_campaign",
     # Many fits.
     "Execution": "studies.engine",
     "Task": "studies.work",
@@ -148,7 +148,7 @@ _PUBLIC = {
     "investigate": "app.diagnosed_fit",
     "quoted_parameters": "diagnosis.quoted_parameters",
     # What to fly next.
-    "AchievedErrors": "design.simulated_fits",
+    "AchievedErrors": "design.comparison",
     "Contender": "design.comparison",
     "CorrectionForecast": "design.correction_slew",
     "Design": "design.result",

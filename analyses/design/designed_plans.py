@@ -39,13 +39,13 @@ from analyses.design.cases import (
 )
 from analyses.design.page import gains_picture, page, ratio_picture
 from analyses.design.separation import PAIRS, told_apart
+from bayes_inertia.design.comparison import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.design.designer import design_plan, random_plans, set_up_design
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.margins import flown_margins
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.separating_slew import separating_slew
-from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly

@@ -36,8 +36,7 @@ from bayes_inertia.app.commands.many import (
     history_command,
     study_command,
 )
-from bayes_inertia.app.commands.observe import observe_command
-from bayes_inertia.app.commands.plans import compare_command, design_command
+from bayes_inertia.app.commands.plans import compare_command, design_command, observe_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.options import described, example_of

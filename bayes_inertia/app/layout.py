@@ -22,7 +22,7 @@ class Layout:
     # [s]; shorter parts of a log that no slew needs are not worth a word.
     shortest_span_s: float = 1.0
 
-    # `commands/observe.py`
+    # `commands/plans.py`, of `observe`
     # parameters of which is said why they are not determined, the least known first
     weak_parameters_shown: int = 3
 

@@ -1,4 +1,4 @@
-"""`design` and `compare` on a folder: plans as they are named, designed, compared, and written."""
+"""`design`, `compare` and `simulate` on a folder: plans are named, designed, compared, flown."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
 from bayes_inertia.app.fit_campaign import settled_estimate
@@ -26,9 +27,16 @@ from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.design.result import Design
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
-from bayes_inertia.flight.mission import Mission, devices_at_rest, following_plan
+from bayes_inertia.flight.mission import (
+    Mission,
+    devices_at_rest,
+    following_plan,
+    most_like_mission,
+    why_no_plans,
+)
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
+from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.forward_model import Model
@@ -348,3 +356,67 @@ def run_compare(
     sections = comparison_sections(contenders)
     owner.write(content, f"Plans after {flown.name}", sections, campaign, mission=flown.mission)
     return contenders
+
+
+_FOLLOWED = (
+    "the plan was followed exactly: only wheels with a gyro of three axes close an attitude loop "
+    "in a simulated flight"
+)
+
+
+@dataclass(frozen=True)
+class SimulatedFlight:
+    """A plan flown in simulation, and what should be known of it."""
+
+    campaign: Campaign  # what was flown
+    spacecraft: str  # whose spacecraft flew, in words
+    notes: tuple[str, ...] = ()  # what the simulation leaves out
+
+
+def run_simulate(
+    folder: Path,
+    plan: str | None = None,
+    campaign: Path | None = None,
+    *,
+    hidden: Sequence[str] = (),
+    draw: bool = False,
+    seed: int = 0,
+) -> SimulatedFlight:
+    """Fly a plan and write the campaign folder, with its truth beside it.
+
+    `plan`: file of the plan, or `paper`; None for five slews like the paper's. `campaign`: folder
+    of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K at the mean
+    of its prior; one that no plan flies repeats its own slews, where none is named. None for the
+    MOST-like spacecraft. `draw`: whether J and K are drawn from the
+    campaign's prior instead.
+    """
+    if campaign is None:
+        if draw:
+            raise CampaignError(
+                "J and K cannot be drawn without a prior",
+                where="--draw",
+                advice="name the campaign that states it with --campaign",
+            )
+        chosen = paper_like_plan() if plan in (None, PAPER) else read_plan(str(plan))
+        flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
+        return SimulatedFlight(flight.campaign, "the MOST-like spacecraft")
+    given = read_campaign(campaign)
+    truth = "drawn from" if draw else "at the mean of"
+    spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
+    if plan is None and (why := why_no_plans(given)):
+        flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
+        said = f"{why}: this campaign's own slews were flown again, from where each began"
+        return SimulatedFlight(flown, spacecraft, (said,))
+    (chosen,) = plans_named([plan or PAPER], given).values()
+    mission = _drawn_mission(given, seed) if draw else Mission.of(given)
+    flight = simulate(chosen, mission, folder, seed, hidden=hidden)
+    followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
+    notes = (*followed, *devices_at_rest(given))
+    return SimulatedFlight(flight.campaign, spacecraft, notes)
+
+
+def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
+    # Its own stream: the same seed draws noise and effects.
+    rng = np.random.default_rng([seed, 3])
+    craft = replace(draw_spacecraft(campaign, rng), bias=None)
+    return Mission(craft, campaign.inertia, campaign.prior)

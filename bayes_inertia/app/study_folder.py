@@ -21,7 +21,7 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.plan_folder import PAPER, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.design.comparison import AchievedErrors
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan

@@ -22,8 +22,12 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import members, require
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.expected_accuracy import likely_missions
-from bayes_inertia.design.feasibility import require_feasible
-from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
+from bayes_inertia.design.feasible_region import (
+    FeasibleRegion,
+    draw_variables,
+    region_within,
+    require_feasible,
+)
 from bayes_inertia.design.goals import Goal, parse_goal, require_goal
 from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits

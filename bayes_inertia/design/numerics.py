@@ -31,11 +31,9 @@ class Numerics:
     # Longest control period [s] of a forecast: on-board loops are faster than slow telemetry.
     control_period: float = 1.0
 
-    # `feasibility.py`
+    # `feasible_region.py`
     # A slew that hardly turns [rad]: it shows what the start alone demands.
     negligible_angle: float = 1e-6
-
-    # `feasible_region.py`
     # Shortest ramp [s] and smallest angle [rad]: shorter ones are over before the controller
     # settles.
     shortest_ramp: float = 4.0

@@ -20,8 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from bayes_inertia.design.after_campaign import as_loud, mission_after, plan_after
-from bayes_inertia.design.feasibility import require_three_axes
-from bayes_inertia.design.feasible_region import draw_variables, region_within
+from bayes_inertia.design.feasible_region import draw_variables, region_within, require_three_axes
 from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.information_forecast import (
     Forecast,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bayes_inertia.report.criteria import exponents_of
 from bayes_inertia.report.page import render_page
-from bayes_inertia.report.pictures.run_differences import draw_run_differences
+from bayes_inertia.report.pictures.series import draw_run_differences
 from bayes_inertia.report.run_comparison import RunComparison
 from bayes_inertia.report.section import Section, captioned, packaged
 

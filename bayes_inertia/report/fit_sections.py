@@ -22,8 +22,8 @@ from bayes_inertia.report.criteria import (
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.formatting import brief, drive_text, kind_of, listed, number, plain
 from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.pictures.attitude import draw_correction
 from bayes_inertia.report.pictures.chains import draw_chains
-from bayes_inertia.report.pictures.correction import draw_correction
 from bayes_inertia.report.pictures.diagnosis import draw_signal
 from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.posterior_data import (

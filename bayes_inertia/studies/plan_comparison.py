@@ -14,9 +14,13 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import members
-from bayes_inertia.design.comparison import Contender, assess_plan
+from bayes_inertia.design.comparison import (
+    AchievedErrors,
+    Contender,
+    assess_plan,
+    fit_simulated_campaign,
+)
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.errors import CampaignError, StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan

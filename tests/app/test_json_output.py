@@ -71,7 +71,7 @@ def test_import_start(document, tmp_path):
 
 def test_simulate(document, tmp_path, monkeypatch):
     flight = SimpleNamespace(campaign=SimpleNamespace(slews=(SimpleNamespace(name="slew 1"),)))
-    where = "bayes_inertia.app.simulate_folder.simulate"
+    where = "bayes_inertia.app.plan_folder.simulate"
     monkeypatch.setattr(where, lambda *_, **__: flight)
     assert run("simulate", "-o", tmp_path, "--json") == 0
     assert document()["slews"] == ["slew 1"]

@@ -13,13 +13,11 @@ import bayes_inertia
 from bayes_inertia.app.commands.check import show_campaign
 from bayes_inertia.app.commands.finished import show_promise
 from bayes_inertia.app.commands.many import show_calibration, show_fits, show_study
-from bayes_inertia.app.commands.observe import show_observability
-from bayes_inertia.app.commands.plans import show_comparison, show_design
+from bayes_inertia.app.commands.plans import show_comparison, show_design, show_observability
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.comparison import AchievedErrors, Contender
 from bayes_inertia.design.goals import parse_goal
-from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.observability.analysis import observe

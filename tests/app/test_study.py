@@ -15,8 +15,7 @@ import bayes_inertia
 from bayes_inertia.app.plan_folder import contender_json
 from bayes_inertia.app.study_folder import Study, run_study
 from bayes_inertia.app.study_folder import _content as study_content
-from bayes_inertia.design.comparison import Contender
-from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.design.comparison import AchievedErrors, Contender
 from bayes_inertia.errors import EstimateError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES

@@ -16,15 +16,13 @@ from bayes_inertia.app.cli import COMMANDS, main
 from bayes_inertia.app.commands.check import show_campaign
 from bayes_inertia.app.commands.fit import show_diagnosis, show_summary
 from bayes_inertia.app.commands.many import show_study
-from bayes_inertia.app.commands.observe import show_observability
-from bayes_inertia.app.commands.plans import show_comparison, show_design
+from bayes_inertia.app.commands.plans import show_comparison, show_design, show_observability
 from bayes_inertia.app.plan_folder import plans_named
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.comparison import AchievedErrors, Contender
 from bayes_inertia.design.goals import parse_goal
-from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.physics.parameters import BASE_NAMES

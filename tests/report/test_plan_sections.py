@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.comparison import AchievedErrors, Contender
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin
 from bayes_inertia.design.result import Design
-from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.formatting import NOT_GIVEN

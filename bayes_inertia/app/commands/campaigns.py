@@ -12,7 +12,7 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import text_of, write_new_files
 
 if TYPE_CHECKING:
-    from bayes_inertia.app.simulate_folder import SimulatedFlight
+    from bayes_inertia.app.plan_folder import SimulatedFlight
 
 FORMAT, SIMULATE_FORMAT = "bayes-inertia-new/1", "bayes-inertia-simulate/1"
 
@@ -74,7 +74,7 @@ def simulate_command(
     """
     with progress_bar() as progress:
         progress("flying the plan", 0, 0)
-        from bayes_inertia.app.simulate_folder import run_simulate
+        from bayes_inertia.app.plan_folder import run_simulate
 
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:

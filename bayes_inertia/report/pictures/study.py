@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.design.comparison import AchievedErrors
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
