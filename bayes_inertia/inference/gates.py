@@ -18,6 +18,7 @@ from scipy import stats
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.settings import OPEN_VERDICTS, FitContext
+from bayes_inertia.maths.printed import listed
 from bayes_inertia.physics.effects import REMAINDERS
 
 
@@ -174,7 +175,7 @@ def _what_is_missing(estimate: Estimate) -> str:
     """What an unknown verdict means for J and K."""
     names = [effect.name for effect in estimate.model.effects]
     free = [effect.signal_title for effect in REMAINDERS if effect.name in names]
-    return _REMAINDER_NOTE.format(_and(free))
+    return _REMAINDER_NOTE.format(listed(free))
 
 
 def _converged(diagnostics: Diagnostics) -> dict[str, Any]:
@@ -260,12 +261,7 @@ def _group_in_words(slews: tuple[int, ...], names: Sequence[str]) -> str:
     """Slews in a sentence: the first and the last where they follow each other."""
     if len(slews) > 2 and slews[-1] - slews[0] == len(slews) - 1:
         return f"{names[0]} to {names[-1]}"
-    return _and(names)
-
-
-def _and(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+    return listed(names)
 
 
 def prior_gate(estimate: Estimate) -> dict[str, Any]:

@@ -100,6 +100,15 @@ def with_minus_sign(text: str) -> str:
     return text.replace("-", "−")
 
 
+def listed(items: Sequence[str]) -> str:
+    """Items as a list in a sentence.
+
+    >>> listed(["a", "b", "c"]), listed(["a"])
+    ('a, b and c', 'a')
+    """
+    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else list(items))
+
+
 @dataclass(frozen=True)
 class Card:
     """What an object shows of itself: lines at a prompt, and a table below them in a notebook."""

@@ -14,6 +14,7 @@ from typing import Any
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.maths.printed import NOT_GIVEN as NOT_GIVEN
 from bayes_inertia.maths.printed import exponent as exponent
+from bayes_inertia.maths.printed import listed as listed
 from bayes_inertia.maths.printed import number as number
 from bayes_inertia.maths.printed import power_text as power_text
 from bayes_inertia.maths.printed import unit_text as unit_text
@@ -238,15 +239,6 @@ def plain(name: str) -> str:
     quantity = " ".join(word for word in words if word not in _FRAMES or word == words[0])
     prefix = f"{effect.replace('_', ' ')}: " if dot else ""
     return f"{prefix}{quantity}{''.join(frames)}"
-
-
-def listed(items: Sequence[str]) -> str:
-    """Items as a list in a sentence.
-
-    >>> listed(["a", "b", "c"]), listed(["a"])
-    ('a, b and c', 'a')
-    """
-    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else list(items))
 
 
 def either_or(items: Sequence[str]) -> str:
