@@ -37,11 +37,10 @@ from bayes_inertia.report.residual_sections import residuals_section, telemetry_
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.verdict import (
     Level,
-    Verdict,
     diagnosis_verdict,
     fit_verdict,
+    level_of,
     verdict_sentence,
-    worst_level,
 )
 from bayes_inertia.report.words import averaged_over, correlation_sentences, dirt_rows, phrase
 
@@ -264,7 +263,7 @@ def result_sections(
             if (hidden := diagnosis.get("could_hide"))
             else ""
         )
-    level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
+    level, rows = level_of(summary, [v.level for v in verdicts.values()]), summary["parameters"]
     matrices = {
         "J / trace J": _tensor(ratios_told(summary), "/trace"),
         "J": _tensor(rows),
@@ -289,13 +288,6 @@ def result_sections(
         Section("Result", packaged("result.html"), context, pictures),
         Section("Why", packaged("reasons.html"), {"reasons": reasons, "folded": ()}),
     ]
-
-
-def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
-    """The one level of a report: what is not trusted is refused, whatever else is said."""
-    if not summary["trusted"]:
-        return "bad"
-    return worst_level([verdict.level for verdict in verdicts])
 
 
 def _tensor(rows: Mapping[str, Any], of: str = "") -> list[list[Any]]:

@@ -21,7 +21,6 @@ from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
-    ChannelSeries,
     channel_series,
     n_slews,
     values_of,
@@ -103,22 +102,17 @@ class ResidualChannel:
 
 def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     """The residuals of a fit, channel by channel."""
-    names = map(str, values_of(posterior, "estimate", "channel"))
-    found = ((channel_name(name), channel_series(posterior, name)) for name in names)
-    return [_measured_rows(label, series) for label, series in found if series is not None]
-
-
-def _measured_rows(name: str, series: ChannelSeries) -> ResidualChannel:
-    """A channel without its padding."""
-    time, residual = series.time, series.residual
-    kept = [np.isfinite(t) & np.isfinite(r).any(-1) for t, r in zip(time, residual, strict=True)]
-    return ResidualChannel(
-        name,
-        series.components,
-        series.slews,
-        [t[k] for t, k in zip(time, kept, strict=True)],
-        [r[k] for r, k in zip(residual, kept, strict=True)],
-    )
+    channels = []
+    for name in map(str, values_of(posterior, "estimate", "channel")):
+        if (series := channel_series(posterior, name)) is not None:
+            kept = np.isfinite(series.time) & np.isfinite(series.residual).any(-1)
+            time, residual = (
+                [rows[k] for rows, k in zip(values, kept, strict=True)]
+                for values in (series.time, series.residual)
+            )
+            label, components = channel_name(name), series.components
+            channels.append(ResidualChannel(label, components, series.slews, time, residual))
+    return channels
 
 
 def explorer_data(

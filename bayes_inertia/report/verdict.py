@@ -36,13 +36,13 @@ class Verdict:
     sentences: tuple[str, ...]  # why it is so and what to do, one item each
 
 
-def worst_level(levels: Sequence[Level]) -> Level:
-    """The level of several verdicts together.
+def level_of(summary: Mapping[str, Any], levels: Sequence[Level]) -> Level:
+    """The one level of a report: what is not trusted is refused, whatever else is said.
 
-    >>> worst_level(["good", "bad", "caution"])
+    >>> level_of({"trusted": True}, ["good", "bad", "caution"])
     'bad'
     """
-    return min(levels, key=_FROM_THE_WORST.index)
+    return min(levels, key=_FROM_THE_WORST.index) if summary["trusted"] else "bad"
 
 
 def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
