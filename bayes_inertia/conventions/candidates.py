@@ -403,14 +403,7 @@ def _of_spin_inertias(campaign: Campaign, stated: Stated) -> Iterator[Mistake]:
     """Spin inertias in a wrong unit, where they turn wheel speed into momentum."""
     speeds = any(entry.key == "wheel_speed" for entry in stated.entries)
     for unit, factor in _INERTIA_UNITS.items() if speeds else ():
-        changes = tuple(
-            KeyChange(
-                stated.key("wheels", w.name, "spin_inertia"),
-                w.spin_inertia,
-                w.spin_inertia * factor,
-            )
-            for w in campaign.wheels
-        )
+        changes = stated.spin_inertias([(w, w.spin_inertia * factor) for w in campaign.wheels])
         words = f"the wheels' spin inertia is in {unit}, not in kg m^2"
         mend = followed(MOMENTUM.field, factor * np.eye(len(campaign.wheels)))
         yield Mistake(changes, 2, mend, words)

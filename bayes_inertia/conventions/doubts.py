@@ -26,7 +26,6 @@ from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import (
     TORQUE,
-    KeyChange,
     Mistake,
     Reading,
     direction_sensors,
@@ -147,21 +146,14 @@ class Factors:
         if not speeds or np.all(self.values == 1.0) or np.any(self.values < 0.0):
             return None
         factors = np.array([_rounded(value) for value in self.values])
-        changes = tuple(
-            KeyChange(
-                stated.key("wheels", w.name, "spin_inertia"),
-                w.spin_inertia,
-                float(f"{w.spin_inertia / f:.3g}"),
-            )
-            for w, f in zip(campaign.wheels, factors, strict=True)
-            if f != 1.0
-        )
+        wrong = [(w, f) for w, f in zip(campaign.wheels, factors, strict=True) if f != 1.0]
+        mended = [(w, float(f"{w.spin_inertia / f:.3g}")) for w, f in wrong]
         back = np.diag(1.0 / factors)
-        names = ", ".join(n for n, f in zip(self.names, factors, strict=True) if f != 1.0)
-        sizes = (_rounded(max(f, 1.0 / f)) for f in factors.tolist() if f != 1.0)
+        names = ", ".join(wheel.name for wheel, _ in wrong)
+        sizes = (_rounded(max(f, 1.0 / f)) for _, f in wrong)
         said = ", ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
         return Mistake(
-            changes,
+            stated.spin_inertias(mended),
             LIMITS.factor_rarity,
             followed(MOMENTUM.field, back),
             f"the spin inertia of {names} is wrong by a factor of {said}",

@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, Entry
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.sensors import BY_KEY, KINDS, STREAMS, SensorStream
 from bayes_inertia.campaign.sensors.rate import RATE
@@ -60,6 +61,12 @@ class Stated:
     def key(self, table: str, *words: str) -> str:
         """A key of the hardware, which format 1 has in a table of this name."""
         return ".".join([self.devices.get(table, table), *words])
+
+    def spin_inertias(self, mended: Sequence[tuple[Wheel, float]]) -> tuple[KeyChange, ...]:
+        """What other spin inertias of some wheels change in the file."""
+        keys = [self.key("wheels", wheel.name, "spin_inertia") for wheel, _ in mended]
+        changed = zip(keys, mended, strict=True)
+        return tuple(KeyChange(key, wheel.spin_inertia, new) for key, (wheel, new) in changed)
 
     def column(self, stream: str, k: int, name: str) -> str:
         """Key and name of the column (from 0) of a field of `Slew`, as messages say it."""
