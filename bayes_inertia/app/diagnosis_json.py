@@ -24,7 +24,7 @@ from bayes_inertia.diagnosis.unexplained import FreeSignal, UnexplainedSignal
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
-from bayes_inertia.maths.values import json_ready, picked
+from bayes_inertia.maths.values import by_name, json_ready, picked
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
@@ -232,21 +232,13 @@ def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]
     fitted = np.isin(np.arange(part.start, part.stop), estimate.free).all()
     if part.stop == part.start or not fitted:
         return None
-    rows = {}
-    for i in range(part.start, part.stop):
-        mean, sd = float(estimate.theta[i]), float(estimate.sd[i])
-        low, high = (
-            float(np.clip(mean + z * sd, space.lower[i], space.upper[i]))
-            for z in (-LAYOUT.quantile_95, LAYOUT.quantile_95)
-        )
-        rows[space.names[i].split(".", 1)[1]] = {
-            "mean": mean,
-            "sd": sd,
-            "q025": low,
-            "q975": high,
-            "unit": space.units[i],
-        }
-    return rows
+    names = [name.split(".", 1)[1] for name in space.names[part]]
+    mean, sd = estimate.theta[part], estimate.sd[part]
+    low, high = (
+        np.clip(mean + z * sd, space.lower[part], space.upper[part])
+        for z in (-LAYOUT.quantile_95, LAYOUT.quantile_95)
+    )
+    return by_name(names, mean=mean, sd=sd, q025=low, q975=high, unit=space.units[part])
 
 
 def step_row(step: Step) -> dict[str, Any]:
@@ -274,18 +266,16 @@ def share_explained(step: Step) -> float:
 
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
     """Shifts of J and K from one fit to another."""
-    space = before.model.space
-    return {
-        space.names[i]: {
-            "before": float(before.theta[i]),
-            "sd_before": float(before.sd[i]),
-            "after": float(after.theta[i]),
-            "sd_after": float(after.sd[i]),
-            "shift": float(after.theta[i] - before.theta[i]),
-            "unit": space.units[i],
-        }
-        for i in range(before.model.n_base)
-    }
+    space, base = before.model.space, slice(before.model.n_base)
+    return by_name(
+        space.names[base],
+        before=before.theta[base],
+        sd_before=before.sd[base],
+        after=after.theta[base],
+        sd_after=after.sd[base],
+        shift=after.theta[base] - before.theta[base],
+        unit=space.units[base],
+    )
 
 
 def alike_pairs(diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -30,7 +30,7 @@ from bayes_inertia.inference.settings import (
     require_settings,
     usual_settings,
 )
-from bayes_inertia.maths.values import json_ready
+from bayes_inertia.maths.values import by_name, json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
@@ -439,12 +439,7 @@ def history_json(history: History) -> dict[str, Any]:
                 "between": history.campaigns[jump.after : jump.after + 2],
                 "part": jump.part,
                 "probability": jump.probability,
-                "size": {
-                    name: {"mean": float(size), "sd": float(sd)}
-                    for name, size, sd in zip(
-                        names[OF_PART[jump.part]], jump.size, jump.sd, strict=True
-                    )
-                },
+                "size": by_name(names[OF_PART[jump.part]], mean=jump.size, sd=jump.sd),
             }
             for jump in history.jumps
         ],
@@ -455,14 +450,11 @@ def history_json(history: History) -> dict[str, Any]:
 def fleet_json(fleet: Fleet, alone_sd: np.ndarray) -> dict[str, Any]:
     """What `fleet --json` prints."""
     names = base_names(fleet.mean.size)
-    spread = zip(names, fleet.spread, fleet.spread_low, fleet.spread_high, strict=True)
+    low, high = fleet.spread_low, fleet.spread_high
     return {
         "answer": fleet_answer(fleet, alone_sd),
         "fleet": _values(fleet.mean, fleet.sd),
-        "spread": {
-            name: {"q50": float(middle), "q05": float(low), "q95": float(high)}
-            for name, middle, low, high in spread
-        },
+        "spread": by_name(names, q50=fleet.spread, q05=low, q95=high),
         "spacecraft": [
             {"name": name, "parameters": _values(fleet.craft_mean[k], fleet.craft_sd[k])}
             for k, name in enumerate(fleet.names)
@@ -471,5 +463,4 @@ def fleet_json(fleet: Fleet, alone_sd: np.ndarray) -> dict[str, Any]:
 
 
 def _values(mean: np.ndarray, sd: np.ndarray) -> dict[str, dict[str, float]]:
-    parts = zip(base_names(mean.size), mean, sd, strict=True)
-    return {name: {"mean": float(m), "quoted_sd": float(s)} for name, m, s in parts}
+    return by_name(base_names(mean.size), mean=mean, quoted_sd=sd)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, dataclass_transform
 
@@ -233,6 +233,20 @@ def picked(value: Any, *names: str) -> dict[str, Any]:
     {'real': 3.0, 'imag': 4.0}
     """
     return {name: json_ready(getattr(value, name)) for name in names}
+
+
+def by_name(names: Iterable[str], **columns: Any) -> dict[str, dict[str, Any]]:
+    """The rows of a table by their names, as a JSON file holds them.
+
+    `columns`: by key, each with a value a row.
+
+    Examples
+    --------
+    >>> by_name(["Jxx", "K1"], mean=np.array([3.3, 1.0]), unit=["kg m^2", ""])
+    {'Jxx': {'mean': 3.3, 'unit': 'kg m^2'}, 'K1': {'mean': 1.0, 'unit': ''}}
+    """
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    return {name: json_ready(row) for name, row in zip(names, rows, strict=True)}
 
 
 def json_ready(value: Any) -> Any:

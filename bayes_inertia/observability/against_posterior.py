@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import Observability, ParameterObservability
 
@@ -50,11 +51,8 @@ def compare_with_posterior(
 
 def comparison_json(comparison: tuple[PosteriorComparison, ...]) -> dict[str, dict[str, Any]]:
     """The comparison as observability.json holds it."""
-    content = {}
-    for row in comparison:
-        fields = asdict(row) | {"warnings": list(row.warnings)}
-        content[fields.pop("name")] = fields
-    return content
+    rows = [json_ready(row) for row in comparison]
+    return {row.pop("name"): row for row in rows}
 
 
 def _compare(

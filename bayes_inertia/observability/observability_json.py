@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.files import vocabulary
-from bayes_inertia.maths.values import json_ready
+from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
@@ -26,22 +26,13 @@ def observability_json(observability: Observability) -> dict[str, Any]:
     names = observability.names
     content = {
         "format": FORMAT,
-        "campaign": observability.campaign,
-        "drive": observability.drive,
-        "wheels": observability.wheels,
-        "effects": observability.effects,
-        "discounted": observability.discounted,
+        **picked(observability, "campaign", "drive", "wheels", "effects", "discounted"),
         "parameters": {
             p.name: _parameter(observability, p, windows) for p in observability.parameters
         },
         "directions": [
-            {
-                "says": direction.says,
-                "information": direction.information,
-                "contraction": direction.contraction,
-                "exact": direction.exact,
-                "weights": dict(zip(names, direction.weights, strict=True)),
-            }
+            picked(direction, "says", "information", "contraction", "exact")
+            | {"weights": dict(zip(names, direction.weights, strict=True))}
             for direction in observability.directions
         ],
         "degeneracies": [asdict(degeneracy) for degeneracy in observability.degeneracies],

@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.maths.values import array_dataclass, json_ready
+from bayes_inertia.maths.values import array_dataclass, json_ready, picked
 from bayes_inertia.report.formatting import arcsec, common_exponents, kind_of, number
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import templates_in
@@ -115,24 +115,19 @@ def _correction_rows(correction: ExportedCorrection) -> Iterator[list[str]]:
 
 def json_text(result: ExportedResult) -> str:
     """A document of the schema `bayes-inertia-export/1`, all digits."""
-    correction = result.correction
     content = {
         "format": FORMAT,
         "trusted": result.trusted,
         "warning": None if result.trusted else comment_lines(result)[0],
-        "reasons": list(result.reasons),
-        "notes": list(result.notes),
-        "campaign": result.campaign,
-        "source": result.source,
-        "includes_wheel_spin": result.includes_wheel_spin,
-        "J_kgm2": result.inertia_B.tolist(),
-        "J_locked_kgm2": result.inertia_locked_B.tolist(),
+        **picked(result, "reasons", "notes", "campaign", "source", "includes_wheel_spin"),
+        "J_kgm2": result.inertia_B,
+        "J_locked_kgm2": result.inertia_locked_B,
         "K": [p.new for p in result.scale_factors],
         "parameters": {
             p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
         },
-        "covariance": result.covariance.tolist(),
-        "correction_slew_rad": None if correction is None else asdict(correction),
+        "covariance": result.covariance,
+        "correction_slew_rad": result.correction,
     }
     return json.dumps(json_ready(content), indent=1, allow_nan=False) + "\n"
 
