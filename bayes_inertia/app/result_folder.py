@@ -98,8 +98,8 @@ class ResultFolder:
         options = claim if self.flat else claim.get("options", {})
         if not isinstance(options, dict):
             raise self._refused(f"{self.claim_file} there was not written by this command")
-        stated = {**self.defaults, **options}
-        wanted = json.loads(json.dumps(self.options))
+        wanted, usual = (json.loads(json.dumps(x)) for x in (self.options, self.defaults))
+        stated = usual | options
         differs = [
             key for key, value in wanted.items() if not _agrees(stated.get(key, value), value)
         ]

@@ -86,27 +86,18 @@ class Run:
     # Digests of the campaigns that this prior holds.
     former: tuple[str, ...] = ()
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """What makes it this run and no other, beside the campaign."""
+        told = asdict(self) | {"noise": self.noise.json()}
+        return {key: value for key, value in told.items() if key != "campaign_sha256"}
+
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder."""
-        options = asdict(self) | {"noise": self.noise.json()}
-        digest = options.pop("campaign_sha256")
-        return ResultFolder(
-            folder,
-            "run",
-            "run.json",
-            FORMAT,
-            digest,
-            options,
-            _RESULT_FILES,
-            flat=True,
-            defaults={
-                "kind": "fit",
-                "as_stated": False,
-                "noise": NoiseModel().json(),
-                "prior": None,
-                "former": [],
-            },
-        )
+        # What older versions left out of it is as in a run that does not ask for it.
+        usual = Run(self.campaign_sha256, self.effects, self.drive, self.settings)
+        claim = ("run", "run.json", FORMAT, self.campaign_sha256, self.options, _RESULT_FILES)
+        return ResultFolder(folder, *claim, flat=True, defaults=usual.options)
 
 
 def read_run(folder: Path) -> Run:
@@ -121,16 +112,13 @@ def read_run(folder: Path) -> Run:
         if content.get("format") != FORMAT:
             raise ValueError(f"format {content.get('format')!r}")
         return TypeAdapter(Run).validate_json(json.dumps(content), strict=True)
-    except SettingsError as error:
-        raise CampaignError(str(error), where=str(path), advice=_NEW_RUN) from error
-    except ValidationError as error:
-        problem = error.errors()[0]
-        what = f"not a run description ({problem['loc'][0]}: {problem['msg']})"
+    except (SettingsError, ValueError, TypeError) as error:
+        reason = str(error)
+        if isinstance(error, ValidationError):
+            problem = error.errors()[0]
+            reason = f"{problem['loc'][0]}: {problem['msg']}"
+        what = reason if isinstance(error, SettingsError) else f"not a run description ({reason})"
         raise CampaignError(what, where=str(path), advice=_NEW_RUN) from error
-    except (ValueError, TypeError) as error:
-        raise CampaignError(
-            f"not a run description ({error})", where=str(path), advice=_NEW_RUN
-        ) from error
 
 
 def start(
@@ -311,14 +299,9 @@ def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
     """The error of the next slew, of a result that may be used and whose campaign is at hand."""
     from bayes_inertia.app.export_run import forecast_of
 
-    copy = folder / "campaign"
-    if not posterior.trusted or not copy.is_dir():
+    copy, digest = folder / "campaign", posterior.attributes.get("campaign_sha256")
+    told = posterior.trusted and copy.is_dir() and campaign_sha256(copy) == digest
+    forecast = forecast_of(posterior, read_campaign(copy)) if told else None
+    if forecast is None:
         return None
-    if campaign_sha256(copy) != posterior.attributes.get("campaign_sha256"):
-        return None
-    forecast = forecast_of(posterior, read_campaign(copy))
-    return (
-        None
-        if forecast is None
-        else asdict(forecast) | {"angle_deg": DESIGN_NUMERICS.corrected_turn_deg}
-    )
+    return asdict(forecast) | {"angle_deg": DESIGN_NUMERICS.corrected_turn_deg}

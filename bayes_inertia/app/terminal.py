@@ -152,14 +152,21 @@ def print_json(content: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
+def print_or_show(
+    content: Mapping[str, Any], as_json: bool, show: Callable[..., None], *told: Any
+) -> None:
+    """Print one JSON document, or `show(*told)`."""
+    if as_json:
+        print_json(content)
+    else:
+        show(*told)
+
+
 def show_result(
     document: Path, as_json: bool, open_page: bool, show: Callable[..., None], *told: Any
 ) -> None:
     """Print the JSON document that a command wrote, or `show(*told)`; open its page if wanted."""
-    if as_json:
-        print_json(json.loads(document.read_text(encoding="utf-8")))
-    else:
-        show(*told)
+    print_or_show(json.loads(document.read_text(encoding="utf-8")), as_json, show, *told)
     open_in_browser(document.with_suffix(".html"), open_page)
 
 

@@ -19,6 +19,7 @@ from bayes_inertia.app.terminal import (
     indented,
     plain_console,
     print_json,
+    print_or_show,
     print_table,
     progress_bar,
     say,
@@ -197,10 +198,7 @@ def doctor_command(campaign: Path | None = None, as_json: bool = False) -> None:
     if campaign is None:
         with progress_bar() as progress:
             installation = installation_json(progress)
-        if as_json:
-            print_json(installation)
-        else:
-            show_installation(installation)
+        print_or_show(installation, as_json, show_installation, installation)
         return
     from bayes_inertia.app.told_torques import check_conventions
 
@@ -208,10 +206,8 @@ def doctor_command(campaign: Path | None = None, as_json: bool = False) -> None:
         progress(_CHECKING, 0, 0)
         check = check_conventions(campaign).doubting(_left_out(campaign))
         lines = _mapping_lines(campaign, check)
-    if as_json:
-        print_json(check.json() | {"mapping_lines": lines})
-    else:
-        show_check(check, campaign, lines)
+    content = check.json() | {"mapping_lines": lines}
+    print_or_show(content, as_json, show_check, check, campaign, lines)
     code = _WORDS[check.verdict][1]
     if code:
         raise typer.Exit(code)

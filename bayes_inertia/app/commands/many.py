@@ -17,7 +17,7 @@ from bayes_inertia.app.options import DriveName, EngineOptions, names_in
 from bayes_inertia.app.terminal import (
     headed,
     plain_console,
-    print_json,
+    print_or_show,
     print_table,
     progress_bar,
     show_result,
@@ -62,10 +62,7 @@ def fit_many_command(
             anyway=anyway,
             **vars(engine.execution(progress)),
         )
-    if as_json:
-        print_json(fits_json(result))
-    else:
-        show_fits(result, out)
+    print_or_show(fits_json(result), as_json, show_fits, result, out)
     if result.failures or not all(row["trusted"] for row in result.rows):
         raise typer.Exit(3)
 
