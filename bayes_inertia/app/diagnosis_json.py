@@ -67,7 +67,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
             for key, test in diagnosis.tests.items()
         },
         "drive": diagnosis.base.model.structure.drive,
-        "fitted": fitted_rows(diagnosis),
+        "fitted": [{"effect": e.name, "settings": _settings(e)} for e in fitted_effects(diagnosis)],
         "pictures": pictures_json(investigation),
     }
     return json_ready(content)
@@ -92,11 +92,6 @@ def _formulas(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "false_alarm_at_most": min(1.0, math.exp(-search.log_evidence)),
         "terms": terms,
     }
-
-
-def fitted_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """The effects to fit in full after a diagnosis, with the settings that they were found with."""
-    return [{"effect": e.name, "settings": _settings(e)} for e in fitted_effects(diagnosis)]
 
 
 def _settings(effect: Effect) -> dict[str, Any]:

@@ -21,7 +21,7 @@ class Layout:
     # rms before the wheels act over rms afterwards below which a ringing begins with them.
     quiet_ratio: float = 0.4
 
-    # `diagnosis_sections.py`
+    # `fit_sections.py`, of a diagnosis
     most_alike_listed: int = 8
     evidence_rows_shown: int = 3  # rows of a table of evidence; the others are folded
     most_windows_listed: int = 12
@@ -59,7 +59,7 @@ class Layout:
     # Of what J and K are averaged over so many cases are listed; the rest are summed up.
     most_cases_listed: int = 5
 
-    # `pictures/attitude.py`
+    # `pictures/telemetry.py`, attitude
     most_slew_names: int = 8  # more slews than this are numbered
 
     # `pictures/study.py`

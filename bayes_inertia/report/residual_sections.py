@@ -19,7 +19,6 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
     channel_series,
     n_slews,
@@ -27,7 +26,7 @@ from bayes_inertia.report.pictures.posterior_data import (
     worst_slews,
 )
 from bayes_inertia.report.pictures.style import thinned_rows
-from bayes_inertia.report.pictures.telemetry import draw_rates, draw_residuals
+from bayes_inertia.report.pictures.telemetry import draw_attitude, draw_rates, draw_residuals
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.words import phrase
 

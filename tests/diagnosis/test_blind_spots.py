@@ -22,7 +22,7 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.small_campaign import small_campaign
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.fit_sections import diagnosis_sections
 from bayes_inertia.report.verdict import diagnosis_verdict
 
 

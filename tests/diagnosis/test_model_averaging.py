@@ -18,8 +18,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.effects import ConstantTorque
 from bayes_inertia.physics.parameters import BASE_NAMES
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.fit_sections import diagnosis_sections, standard_sections
 from bayes_inertia.report.verdict import diagnosis_verdict
 
 

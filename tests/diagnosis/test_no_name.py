@@ -19,7 +19,7 @@ from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerRemain
 from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueRemainder
 from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.physics.small_campaign import small_campaign
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.fit_sections import diagnosis_sections
 
 FREE = remainders("both")
 

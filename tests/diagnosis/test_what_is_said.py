@@ -10,7 +10,7 @@ from bayes_inertia.app.diagnosis_json import to_json
 from bayes_inertia.diagnosis.residuals import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.faults.fault import Dirt
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.fit_sections import diagnosis_sections
 from bayes_inertia.report.verdict import diagnosis_verdict, headline
 
 

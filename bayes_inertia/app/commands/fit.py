@@ -159,7 +159,6 @@ def demo_command(
 FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("name", "estimate", "± sd", "unit", "prior sd", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
-_COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
 
 
 def show_run(
@@ -206,8 +205,7 @@ def run_result_json(
 
 def show_verdict(sentence: str, trusted: bool) -> None:
     """Print the answer of a run in one sentence."""
-    color = _COLORS["good" if trusted else "bad"]
-    plain_console().print(headed(sentence, style=f"bold {color}"))
+    plain_console().print(headed(sentence, style="bold green" if trusted else "bold red"))
 
 
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:

@@ -88,23 +88,22 @@ class AttitudeMisfit:
     angle_B: np.ndarray
     whitened: np.ndarray  # (slews, fixes, 3) the same in stated sigmas
     after: np.ndarray  # (slews, fixes) whether the fix lies in the second half of its slew
-    throughout: bool  # whether fixes come during the slews too, not before and after them alone
+    sides: tuple[str, str]  # the two halves of a slew, as they are called over a panel
 
-    @property
-    def sides(self) -> tuple[str, str]:
-        """The two halves of a slew, as they are called over a panel."""
-        if self.throughout:
-            return "first half of the slew", "second half of the slew"
-        return "before the slew", "after the slew"
+
+# Where fixes come before and after slews alone, and where during them too.
+_SIDES = (
+    ("before the slew", "after the slew"),
+    ("first half of the slew", "second half of the slew"),
+)
 
 
 def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     """Measured against predicted attitude, q_meas = q dq(e)."""
-    tree = posterior.tree
-    if "attitude" not in tree["posterior_predictive"] or "fix_time" not in tree["constant_data"]:
+    series = channel_series(posterior, "attitude")
+    if series is None or "fix_time" not in posterior.tree["constant_data"]:
         return None
-    measured = values_of(posterior, "observed_data", "attitude")
-    time = time_in_slew(posterior, "fix_time")
+    time, measured = series.time, series.measured
     valid = np.isfinite(time) & np.isfinite(measured).all(-1)
     if not valid.any():
         return None
@@ -123,15 +122,8 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     middle = 0.5 * np.nanmax(time_in_slew(posterior, "time"), 1)
     pauses = np.diff(time) / middle[:, None]
     steady = np.isfinite(pauses).any() and np.nanmax(pauses) < LAYOUT.longest_pause_of_fixes
-    whitened = values_of(posterior, "estimate", "residual_attitude").reshape(angle.shape)
-    return AttitudeMisfit(
-        slews=[str(slew) for slew in values_of(posterior, "observed_data", "slew")],
-        time=time,
-        angle_B=angle,
-        whitened=np.where(valid[..., None], whitened, np.nan),
-        after=time > middle[:, None],
-        throughout=bool(steady),
-    )
+    after, sides = time > middle[:, None], _SIDES[int(steady)]
+    return AttitudeMisfit(series.slews, time, angle, series.residual, after, sides)
 
 
 def n_slews(posterior: Posterior) -> int:
