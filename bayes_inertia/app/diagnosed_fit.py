@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.campaign.block_means import readings_a_mean, without_surplus_rows
@@ -284,24 +285,10 @@ def diagnose_and_fit(
     settings = require_settings(settings, STOCHASTIC_SETTINGS)
     if seed is not None:
         settings = replace(settings, seed=seed)
-    investigation = investigate(
-        campaign,
-        drive=drive,
-        seed=settings.seed,
-        library=library,
-        rules=rules,
-        as_stated=as_stated,
-        progress=progress,
-    )
-    posterior = fit_after_diagnosis(
-        campaign,
-        next_fit(investigation),
-        drive=drive,
-        settings=settings,
-        chains=chains,
-        as_stated=as_stated,
-        progress=progress,
-    )
+    asked: dict[str, Any] = {"drive": drive, "as_stated": as_stated, "progress": progress}
+    investigation = investigate(campaign, seed=settings.seed, library=library, rules=rules, **asked)
+    choice = next_fit(investigation)
+    posterior = fit_after_diagnosis(campaign, choice, settings=settings, chains=chains, **asked)
     return DiagnosedFit(investigation, posterior)
 
 
@@ -321,17 +308,17 @@ def fit_after_diagnosis(
     campaign: Campaign,
     choice: NextFit,
     *,
-    drive: Drive | None,
     settings: Settings,
-    chains: Path | None = None,
     campaign_sha256: str | None = None,
     as_stated: bool = False,
-    progress: Progress | bool | None = None,
+    **asked: Any,
 ) -> Posterior:
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 
     Where something is missing that has no name, a torque and an error of the rates of free shape
     are fitted along: the uncertainties of J and K then hold what they may have done.
+
+    `asked`: drive, chains and progress, as of `fit`.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
     if choice.verdict in OPEN_VERDICTS:
@@ -345,14 +332,5 @@ def fit_after_diagnosis(
         # The rows of which the treatment speaks.
         campaign = without_surplus_rows(campaign)
     campaign = treated(campaign, treatment, choice.drive)
-    return fit(
-        campaign,
-        effects=choice.effects,
-        alternatives=choice.alternatives,
-        drive=drive,
-        settings=settings,
-        chains=chains,
-        context=context,
-        as_stated=as_stated,
-        progress=progress,
-    )
+    asked |= {"effects": choice.effects, "alternatives": choice.alternatives, "context": context}
+    return fit(campaign, settings=settings, as_stated=as_stated, **asked)
