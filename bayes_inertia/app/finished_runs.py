@@ -12,7 +12,7 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.result_folder import finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.flight.mission import Mission, other_slews
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import read_plan
@@ -28,12 +28,9 @@ _NEW_RUN = "start a new run in another folder"
 
 def compare_two_runs(first: Path, second: Path) -> RunComparison:
     """Read two runs and compare them."""
-    if first.resolve() == second.resolve():
-        raise CampaignError(
-            "both runs are the same folder",
-            where=str(first),
-            advice="name two runs, such as one without and one with an effect",
-        )
+    what = "both runs are the same folder"
+    advice = "name two runs, such as one without and one with an effect"
+    require(first.resolve() != second.resolve(), str(first), what, advice)
     names = [run.resolve().name for run in (first, second)]
     labels = names if names[0] != names[1] else [str(first), str(second)]
     return compare_runs(_compared_run(first, labels[0]), _compared_run(second, labels[1]))
@@ -73,13 +70,11 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     """
     promised, campaign = read_plan(plan), _campaign_of(run)
     difference = other_slews(promised, campaign)
-    if difference:
-        raise CampaignError(
-            f"the run is of other slews than the plan {promised.name!r}: {difference}",
-            where=str(plan),
-            advice="name the plan that was flown; `simulate --campaign CAMPAIGN --plan PLAN` flies "
-            "this one",
-        )
+    what = f"the run is of other slews than the plan {promised.name!r}: {difference}"
+    advice = (
+        "name the plan that was flown; `simulate --campaign CAMPAIGN --plan PLAN` flies this one"
+    )
+    require(not difference, str(plan), what, advice)
     stored = _designed_sd(promised, plan.parent / "design.json")
     source = "what design.json says beside the plan"
     if stored is None:
@@ -91,12 +86,9 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
 
 
 def _campaign_of(run: Path) -> Campaign:
-    if not (run / "run.json").is_file():
-        raise CampaignError(
-            "the run keeps no campaign, so nothing tells whether the plan was flown",
-            where=str(run),
-            advice="give the folder that `fit -o` or `diagnose -o` wrote",
-        )
+    what = "the run keeps no campaign, so nothing tells whether the plan was flown"
+    advice = "give the folder that `fit -o` or `diagnose -o` wrote"
+    require((run / "run.json").is_file(), str(run), what, advice)
     return campaign_of_run(run, read_run(run))
 
 

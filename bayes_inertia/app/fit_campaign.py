@@ -24,7 +24,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
     averaged_posterior,
     undetected_alternatives,
 )
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.density_marginal import density_marginal, log_posterior_with_densities
@@ -269,10 +269,8 @@ class LogDensity:
             Of numpy or of JAX, as theta is.
         """
         thetas, d = self._vectors(theta), len(self.names)
-        if thetas.ndim > 2:
-            raise SettingsError(
-                f"its shape is {thetas.shape}", where="theta", advice=f"give ({d},) or (n, {d})"
-            )
+        what, advice = f"its shape is {thetas.shape}", f"give ({d},) or (n, {d})"
+        require(thetas.ndim <= 2, "theta", what, advice, error=SettingsError)
         function: Any = self._of_jax if isinstance(theta, jax.Array) else self._compiled
         values = function(thetas[None] if thetas.ndim == 1 else thetas)
         return values[0] if thetas.ndim == 1 else values

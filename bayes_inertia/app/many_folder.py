@@ -16,7 +16,12 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.app.told_torques import refuse_impossible
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.errors import BayesInertiaError, CampaignError, OutputError, library_of_extra
+from bayes_inertia.errors import (
+    BayesInertiaError,
+    OutputError,
+    library_of_extra,
+    require,
+)
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
@@ -204,10 +209,7 @@ def campaign_of(failure: TaskFailure) -> str:
 
 def _ids(folder: Path, out: Path) -> tuple[str, ...]:
     """A task for every campaign below a folder."""
-    if not folder.is_dir():
-        raise CampaignError(
-            "no such folder", where=str(folder), advice="give a folder of campaign folders"
-        )
+    require(folder.is_dir(), str(folder), "no such folder", "give a folder of campaign folders")
     results = out.resolve()
     folders = sorted(path.parent for path in folder.rglob("campaign.toml"))
     folders = [
@@ -215,12 +217,8 @@ def _ids(folder: Path, out: Path) -> tuple[str, ...]:
         for path in folders
         if not (path.is_relative_to(results) or _is_copy_of_run(path, folder))
     ]
-    if not folders:
-        raise CampaignError(
-            "holds no campaign.toml, at any depth",
-            where=str(folder),
-            advice="give a folder of campaign folders",
-        )
+    what, advice = "holds no campaign.toml, at any depth", "give a folder of campaign folders"
+    require(bool(folders), str(folder), what, advice)
     return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in folders)
 
 
@@ -286,12 +284,8 @@ def run_history(
         told += _told(source, run, seed, progress)
     _refuse_twice(told)
     usable = _named_apart([one.summary for one in told if one.summary is not None])
-    if len(usable) < 2:
-        raise CampaignError(
-            f"{len(usable)} of {len(told)} campaigns have a result that can be used",
-            where=str(folder),
-            advice="give at least two whose fit is trusted",
-        )
+    what = f"{len(usable)} of {len(told)} campaigns have a result that can be used"
+    require(len(usable) >= 2, str(folder), what, "give at least two whose fit is trusted")
     progress("weighing how J and K may have changed", 0, 0)
     history = history_of(usable)
     left_out = tuple(one.campaign for one in told if one.summary is None)
@@ -317,12 +311,9 @@ def run_fleet(
     for one in told_by:
         if one.summary is not None:
             crafts.setdefault(one.campaign.split("/")[0], []).append(one.summary)
-    if len(crafts) < 2:
-        raise CampaignError(
-            f"holds {len(crafts)} spacecraft with a result that can be used",
-            where=str(fits),
-            advice="a fleet needs at least two: put the campaigns of each craft in a folder",
-        )
+    what = f"holds {len(crafts)} spacecraft with a result that can be used"
+    advice = "a fleet needs at least two: put the campaigns of each craft in a folder"
+    require(len(crafts) >= 2, str(fits), what, advice)
     summaries = [replace(product(told), campaign=name) for name, told in crafts.items()]
     settings = FleetSettings(seed=seed)
     progress("sampling the spread of the fleet", 0, 0)
@@ -362,12 +353,8 @@ def _refuse_twice(told: Sequence[Told]) -> None:
     """Refuse telemetry that would count twice: all sds would be too small."""
     digests = [one.sha256 for one in told if one.sha256]
     twice = [one.campaign for one in told if digests.count(one.sha256 or "") > 1]
-    if twice:
-        raise CampaignError(
-            f"the telemetry of {listed(twice)} is the same and would count twice",
-            where="campaigns",
-            advice="give each campaign once",
-        )
+    what = f"the telemetry of {listed(twice)} is the same and would count twice"
+    require(not twice, "campaigns", what, "give each campaign once")
 
 
 def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
@@ -398,12 +385,8 @@ def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
 
 
 def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | None:
-    if "likelihood" not in content:
-        raise CampaignError(
-            "the run was made by an older version: summary.json has no key likelihood",
-            where=str(source),
-            advice=_RESUME,
-        )
+    what = "the run was made by an older version: summary.json has no key likelihood"
+    require("likelihood" in content, str(source), what, _RESUME)
     told = content["likelihood"]
     return None if told is None else summary_from_json(told)
 
@@ -411,8 +394,7 @@ def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | No
 def _of_many(fits: Path) -> list[Told]:
     """What every campaign of `fit-many` tells."""
     path = fits / "fits.parquet"
-    if not path.is_file():
-        raise CampaignError("no fits.parquet", where=str(fits), advice="run `fit-many` first")
+    require(path.is_file(), str(fits), "no fits.parquet", "run `fit-many` first")
     pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
     return [
         Told(row["campaign"], row.get("sha256"), _summary(_likelihood_in(row), fits))

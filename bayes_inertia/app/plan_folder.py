@@ -25,7 +25,7 @@ from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.design.result import Design
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.mission import (
     Mission,
@@ -391,12 +391,8 @@ def run_simulate(
     campaign's prior instead.
     """
     if campaign is None:
-        if draw:
-            raise CampaignError(
-                "J and K cannot be drawn without a prior",
-                where="--draw",
-                advice="name the campaign that states it with --campaign",
-            )
+        advice = "name the campaign that states it with --campaign"
+        require(not draw, "--draw", "J and K cannot be drawn without a prior", advice)
         chosen = paper_like_plan() if plan in (None, PAPER) else read_plan(str(plan))
         flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
         return SimulatedFlight(flight.campaign, "the MOST-like spacecraft")

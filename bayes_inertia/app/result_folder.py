@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError, OutputError, require
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.folder_lock import LOCK_FILE
 from bayes_inertia.sealing import read_sealed_json, sealed
@@ -46,12 +46,9 @@ def finished_posterior(folder: Path) -> Posterior:
 
     stored = folder / "posterior.nc"
     if not stored.is_file():
-        if (folder / "run.json").is_file():
-            raise CampaignError(
-                "the run is not finished: it has no posterior.nc",
-                where=str(folder),
-                advice=f"finish it with `bayes-inertia resume {folder}`",
-            )
+        what = "the run is not finished: it has no posterior.nc"
+        advice = f"finish it with `bayes-inertia resume {folder}`"
+        require(not (folder / "run.json").is_file(), str(folder), what, advice)
         raise CampaignError(
             "no run here: there is neither run.json nor posterior.nc",
             where=str(folder),

@@ -29,7 +29,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
-from bayes_inertia.errors import CampaignError, EffectError, SettingsError
+from bayes_inertia.errors import CampaignError, EffectError, SettingsError, require
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.posterior import Posterior
@@ -103,10 +103,7 @@ class Run:
 def read_run(folder: Path) -> Run:
     """The run that a folder holds."""
     path = folder / "run.json"
-    if not path.is_file():
-        raise CampaignError(
-            "no run here", where=str(path), advice="give the folder that `fit -o` wrote"
-        )
+    require(path.is_file(), str(path), "no run here", "give the folder that `fit -o` wrote")
     content = read_sealed_json(path, _NEW_RUN)
     try:
         if content.get("format") != FORMAT:
@@ -142,12 +139,8 @@ def start(
     settings = require_settings(settings, usual_settings(effects_named(names)))
     Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
-    if digest in former:
-        raise CampaignError(
-            "the former result holds this telemetry already: it would count twice",
-            where=str(campaign),
-            advice="give a campaign that is not in it",
-        )
+    what = "the former result holds this telemetry already: it would count twice"
+    require(digest not in former, str(campaign), what, "give a campaign that is not in it")
     known = None if prior is None else prior.json()
     run = Run(digest, names, drive, settings, kind, as_stated, noise, known, tuple(former))
     owner = run.owner(folder)
@@ -182,12 +175,8 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
 
 
 def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> Posterior:
-    if campaign_sha256(folder / "campaign") != run.campaign_sha256:
-        raise CampaignError(
-            "the run's copy of the campaign was changed",
-            where=str(folder / "campaign"),
-            advice="start a new run",
-        )
+    copy, what = folder / "campaign", "the run's copy of the campaign was changed"
+    require(campaign_sha256(copy) == run.campaign_sha256, str(copy), what, "start a new run")
     import_in_background([*_WANTED_LATER, *(_WANTED_BY_REPORT if report else ())])
     posterior = _posterior(folder, run, progress)
     posterior.save(folder / "posterior.nc")

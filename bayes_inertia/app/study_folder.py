@@ -22,7 +22,7 @@ from bayes_inertia.app.plan_folder import PAPER, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import AchievedErrors
-from bayes_inertia.errors import CampaignError, SettingsError
+from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import json_ready
@@ -93,12 +93,8 @@ def run_study(
     """Simulate and fit campaigns of one plan, and write study.json and study.png."""
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
-    if campaigns < 2:
-        raise CampaignError(
-            f"{campaigns} campaign tells nothing of scatter",
-            where="campaigns",
-            advice="ask for 200",
-        )
+    what, advice = f"{campaigns} campaign tells nothing of scatter", "ask for 200"
+    require(campaigns >= 2, "campaigns", what, advice)
     options = {"plan": plan_sha256(chosen), "seed": seed}
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)
     owner.claim()
@@ -150,12 +146,8 @@ def run_calibration(
 ) -> Calibration:
     """Fly, fit and rank campaigns from the prior; write calibration.json and calibration.png."""
     chosen = cases_named(cases)
-    if fits < len(chosen):
-        raise SettingsError(
-            f"{fits} fits for {len(chosen)} cases",
-            where="fits",
-            advice=f"ask for {len(chosen)} or more",
-        )
+    what, advice = f"{fits} fits for {len(chosen)} cases", f"ask for {len(chosen)} or more"
+    require(fits >= len(chosen), "fits", what, advice, error=SettingsError)
     work = calibration_work(chosen, fits, seed)
     options = {"seed": seed, "pipeline": "right"}
     owner = ResultFolder(

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import members, require
+from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasible_region import (
@@ -35,7 +35,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.result import Design
-from bayes_inertia.errors import DesignError
+from bayes_inertia.errors import DesignError, require
 from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
@@ -249,7 +249,7 @@ def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) ->
     """`CampaignError` for an argument of another kind."""
     good = isinstance(value, kind) or (optional and value is None)
     what, advice = f"a {type(value).__name__} is no {kind.__name__}", f"give a {kind.__name__}"
-    require(good, key, what, advice)
+    require(good, f"key {key}", what, advice)
 
 
 def _begin(
@@ -309,12 +309,8 @@ def next_slew(
     _require_kind("estimate", estimate, Estimate, optional=False)
     _require_kind("limits", limits, Limits)
     campaign = estimate.model.campaign
-    if parse_goal(goal).kind == "separate":
-        raise DesignError(
-            "is another question for a single slew",
-            where="goal separate",
-            advice="use separating_slew",
-        )
+    single, what = parse_goal(goal).kind != "separate", "is another question for a single slew"
+    require(single, "goal separate", what, "use separating_slew", error=DesignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     return design_plan(

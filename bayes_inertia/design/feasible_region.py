@@ -20,7 +20,7 @@ from jax import Array
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import Margin, broken_limits, demands, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.errors import BayesInertiaError, DesignError
+from bayes_inertia.errors import BayesInertiaError, DesignError, require
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.planned_motion import PlannedMotion, PlanTimes, RigidBody, SlewArrays
 from bayes_inertia.flight.spacecraft import Spacecraft
@@ -227,13 +227,10 @@ def require_feasible(
 def require_three_axes(spacecraft: Spacecraft, error: type[BayesInertiaError]) -> None:
     """Raise where nothing turns the spacecraft about all axes."""
     axes, device = spacecraft.axes_of_control, spacecraft.device
-    if axes < 3:
-        turns = f"{device.record.name} turns" if device else "the wheels turn"
-        raise error(
-            f"{turns} the spacecraft about {axes} of three axes",
-            where=device.record.name if device else "wheels",
-            advice="slews are designed for three",
-        )
+    name = device.record.name if device else "wheels"
+    turns = f"{name} turns" if device else "the wheels turn"
+    what = f"{turns} the spacecraft about {axes} of three axes"
+    require(axes >= 3, name, what, "slews are designed for three", error=error)
 
 
 def _require_time(shortest: Plan, limits: Limits) -> None:

@@ -32,7 +32,7 @@ from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.errors import CampaignError, EffectError, require
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.planned_motion import planned_slews
@@ -269,12 +269,8 @@ def _names_of_fitted_effects(estimate: Estimate) -> set[str]:
 
 def _require_parameters(model: Model, effect: Effect) -> None:
     part = model.space.slice_of(effect.name)
-    if part.stop == part.start:
-        raise EffectError(
-            "has no parameters in this campaign",
-            where=effect.name,
-            advice="choose another effect",
-        )
+    what, advice = "has no parameters in this campaign", "choose another effect"
+    require(part.stop != part.start, effect.name, what, advice, error=EffectError)
 
 
 def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.ndarray:

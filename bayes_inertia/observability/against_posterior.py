@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.errors import EstimateError
+from bayes_inertia.errors import EstimateError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
@@ -35,12 +35,10 @@ def compare_with_posterior(
     observability: Observability, posterior: Posterior
 ) -> tuple[PosteriorComparison, ...]:
     """Predicted and sampled uncertainty side by side."""
-    if list(observability.names) != posterior.names:
-        raise EstimateError(
-            "the posterior is of other parameters",
-            where=", ".join(sorted(set(observability.names) ^ set(posterior.names))),
-            advice="fit again",
-        )
+    same = list(observability.names) == posterior.names
+    others = ", ".join(sorted(set(observability.names) ^ set(posterior.names)))
+    what = "the posterior is of other parameters"
+    require(same, others, what, "fit again", error=EstimateError)
     effective = max(float(posterior.attributes["diagnostics"]["ess_bulk_min"]), 4.0)
     unphysical = _unphysical_share(observability)
     return tuple(

@@ -21,7 +21,7 @@ from bayes_inertia.design.comparison import (
     fit_simulated_campaign,
 )
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.errors import CampaignError, StudyError
+from bayes_inertia.errors import StudyError, require
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import whole_number
@@ -160,12 +160,9 @@ def compare_plans(
     seed, folder = whole_number(seed, "seed"), None if folder is None else Path(folder)
     plans = plans if isinstance(plans, Mapping) else members("plans", plans, Plan)
     named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
-    if not named or len(named) < len(plans):
-        raise CampaignError(
-            "no plan to compare" if not named else "two plans have one name",
-            where="plans",
-            advice="give each its own name",
-        )
+    what = "no plan to compare" if not named else "two plans have one name"
+    known_apart = bool(named) and len(named) == len(plans)
+    require(known_apart, "plans", what, "give each its own name")
     mean = Mission.of(mission).at_prior_mean()
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
     limits = limits or Limits()

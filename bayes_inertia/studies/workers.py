@@ -20,7 +20,7 @@ from warnings import catch_warnings, filterwarnings
 
 from joblib.externals.loky import ProcessPoolExecutor
 
-from bayes_inertia.errors import SettingsError, StudyError, library_of_extra
+from bayes_inertia.errors import SettingsError, StudyError, library_of_extra, require
 from bayes_inertia.studies.limits import LIMITS
 
 if TYPE_CHECKING:
@@ -67,15 +67,11 @@ def open_workers(
     if engine not in get_args(Engine):
         names = ", ".join(get_args(Engine))
         raise SettingsError(f"is {engine!r}", where="engine", advice=f"choose one of {names}")
-    if scheduler and engine != "dask":
-        raise SettingsError(
-            f"the engine {engine} has no scheduler", where="scheduler", advice="use --engine dask"
-        )
+    what, advice = f"the engine {engine} has no scheduler", "use --engine dask"
+    require(not scheduler or engine == "dask", "scheduler", what, advice, error=SettingsError)
     if engine == "process":
-        if jobs > 1:
-            raise SettingsError(
-                "the engine process is one process", where="jobs", advice="use --engine joblib"
-            )
+        what, advice = "the engine process is one process", "use --engine joblib"
+        require(jobs <= 1, "jobs", what, advice, error=SettingsError)
         yield IN_PROCESS
         return
     with _loky(jobs) if engine == "joblib" else _dask(scheduler, jobs) as workers:

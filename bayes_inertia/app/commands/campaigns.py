@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bayes_inertia.app.options import LIKE
 from bayes_inertia.app.terminal import plain_console, print_json, progress_bar, say
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.files import text_of, write_new_files
 
 if TYPE_CHECKING:
@@ -50,12 +50,8 @@ def templates() -> dict[str, str]:
 def template(name: str) -> str:
     """The text of one commented campaign."""
     known = templates()
-    if name not in known:
-        raise SettingsError(
-            f"no spacecraft is called {name!r}",
-            where="--like",
-            advice=f"choose among {', '.join(known)}",
-        )
+    what, advice = f"no spacecraft is called {name!r}", f"choose among {', '.join(known)}"
+    require(name in known, "--like", what, advice, error=SettingsError)
     return known[name]
 
 

@@ -15,7 +15,7 @@ from bayes_inertia.app.terminal import (
     progress_bar,
     say,
 )
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 
 if TYPE_CHECKING:
     from bayes_inertia.report.plan_promise import PlanPromise
@@ -39,12 +39,9 @@ def report_command(
     two campaigns, two drives): parameters with both sds and their difference in combined sd,
     gates, verdicts, and what differs in settings.
     """
-    if other is not None and plan is not None:
-        raise CampaignError(
-            "a plan goes with one run, two are named",
-            where="--plan",
-            advice="leave the second run out, or the plan",
-        )
+    what = "a plan goes with one run, two are named"
+    advice = "leave the second run out, or the plan"
+    require(other is None or plan is None, "--plan", what, advice)
     path = _compare(run, other, out, as_json) if other else _report(run, plan, out, as_json)
     open_in_browser(path, open_page)
 

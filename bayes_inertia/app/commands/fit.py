@@ -20,7 +20,7 @@ from bayes_inertia.app.terminal import (
     print_table,
     progress_bar,
 )
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.sealing import SEAL_KEY
 
 if TYPE_CHECKING:
@@ -89,12 +89,9 @@ def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
 
     if former is not None:
         return {"prior": prior_in(former).inflated(inflate), "former": campaigns_in(former)}
-    if inflate:
-        raise SettingsError(
-            "there is no former result to inflate",
-            where="--inflate",
-            advice="add --prior RUN, or state wider sigmas in campaign.toml",
-        )
+    what = "there is no former result to inflate"
+    advice = "add --prior RUN, or state wider sigmas in campaign.toml"
+    require(not inflate, "--inflate", what, advice, error=SettingsError)
     return {}
 
 

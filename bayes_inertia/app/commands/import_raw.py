@@ -19,7 +19,7 @@ from bayes_inertia.app.terminal import (
     progress_bar,
     show_result,
 )
-from bayes_inertia.errors import CampaignError, SettingsError
+from bayes_inertia.errors import SettingsError, require
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -72,12 +72,9 @@ def _start(raw: list[Path], start: Path, as_json: bool) -> None:
 
         started = write_starting_mapping(raw, start)
     left_over = "; ".join(_shortened(names) for names in started.left_over)
-    if not started.streams:
-        raise CampaignError(
-            f"no stream was recognised ({left_over or 'the files have times alone'})",
-            where=str(start),
-            advice="it is written without one: add [[streams]] with the names of these columns",
-        )
+    what = f"no stream was recognised ({left_over or 'the files have times alone'})"
+    advice = "it is written without one: add [[streams]] with the names of these columns"
+    require(bool(started.streams), str(start), what, advice)
     if as_json:
         content = {"mapping": str(start), "questions": started.questions}
         content |= {"streams": started.streams, "not_recognised": started.left_over}
