@@ -45,15 +45,12 @@ def finished_posterior(folder: Path) -> Posterior:
     from bayes_inertia.inference.posterior import Posterior
 
     stored = folder / "posterior.nc"
-    if not stored.is_file():
+    what = "no run here: there is neither run.json nor posterior.nc"
+    advice = "give the folder that `fit -o` or `diagnose -o` wrote"
+    if (folder / "run.json").is_file():
         what = "the run is not finished: it has no posterior.nc"
         advice = f"finish it with `bayes-inertia resume {folder}`"
-        require(not (folder / "run.json").is_file(), str(folder), what, advice)
-        raise CampaignError(
-            "no run here: there is neither run.json nor posterior.nc",
-            where=str(folder),
-            advice="give the folder that `fit -o` or `diagnose -o` wrote",
-        )
+    require(stored.is_file(), str(folder), what, advice)
     return Posterior.load(stored)
 
 

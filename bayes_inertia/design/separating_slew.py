@@ -253,12 +253,10 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
 
 def _require_flying(effect: Effect, craft: Spacecraft) -> None:
     device = [craft.device.record.name] if craft.device else []
-    if effect.device not in ("", *craft.names, *dict(craft.more_sensors), *device):
-        raise EffectError(
-            "acts on a device that a planned slew does not fly",
-            where=effect.name,
-            advice="choose an effect of wheels, sensors, or the device that turns the spacecraft",
-        )
+    flies = effect.device in ("", *craft.names, *dict(craft.more_sensors), *device)
+    what = "acts on a device that a planned slew does not fly"
+    advice = "choose an effect of wheels, sensors, or the device that turns the spacecraft"
+    require(flies, effect.name, what, advice, error=EffectError)
 
 
 def _names_of_fitted_effects(estimate: Estimate) -> set[str]:

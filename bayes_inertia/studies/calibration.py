@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
-from bayes_inertia.errors import SettingsError, StudyError
+from bayes_inertia.errors import SettingsError, StudyError, require
 from bayes_inertia.flight.closed_loop_flights import predict_correction_slew
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
@@ -264,13 +264,10 @@ def calibration_of(cases: Sequence[CalibrationCase], result: WorkResult) -> Cali
     parts = []
     for case in cases:
         rows = [row for row in result.rows if row["task"].partition("/")[0] == case.name]
-        if not rows:
-            reason = result.failures[0].reason if result.failures else "none was asked for"
-            raise StudyError(
-                f"no fit of the case {case.name} succeeded: {reason}",
-                where="calibration",
-                advice="leave the case out, or ask for more fits",
-            )
+        reason = result.failures[0].reason if result.failures else "none was asked for"
+        what = f"no fit of the case {case.name} succeeded: {reason}"
+        advice = "leave the case out, or ask for more fits"
+        require(bool(rows), "calibration", what, advice, error=StudyError)
         table = {
             key: np.array([row[key] for row in rows])
             for key in ("rank", "truth", "mean", "sd", "explained", "nested_rhat")

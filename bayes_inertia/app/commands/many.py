@@ -22,7 +22,7 @@ from bayes_inertia.app.terminal import (
     progress_bar,
     show_result,
 )
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
@@ -165,12 +165,10 @@ def study_command(
 
 def _refuse_given(foreign: dict[str, Any]) -> None:
     """Refuse options of the other study."""
-    if given := [option for option, value in foreign.items() if value]:
-        raise SettingsError(
-            "the study that is asked for does not take it",
-            where=", ".join(given),
-            advice="leave it out; `study --help` says which study takes it",
-        )
+    given = ", ".join(option for option, value in foreign.items() if value)
+    what = "the study that is asked for does not take it"
+    advice = "leave it out; `study --help` says which study takes it"
+    require(not given, given, what, advice, error=SettingsError)
 
 
 def show_study(study: Study, folder: Path) -> None:
