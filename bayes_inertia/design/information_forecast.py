@@ -35,14 +35,13 @@ from bayes_inertia.flight.planned_motion import (
 )
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import NuisanceScale
 from bayes_inertia.physics.parameters import base_count
-from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.prediction import Structure, inertia_in
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.slew_context import Environment, SlewContext
 from bayes_inertia.physics.stated_noise import stated_reading_noise
@@ -254,7 +253,5 @@ def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightCondi
 
     `theta` (d,). `structure`: of the model; it knows whether J includes the wheels' spin.
     """
-    J, context = inertia_tensor.tensor(theta[:6]), conditions.context
-    if structure.includes_wheel_spin:
-        J = inertia_tensor.without_wheel_spin(J, context.wheel_axes_B, context.spin_inertia)
+    J = inertia_in(structure, theta, conditions.context)
     return conditions.body._replace(inertia_B=J)

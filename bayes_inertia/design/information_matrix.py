@@ -47,7 +47,7 @@ from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.channels.attitude import AttitudeChannel
 from bayes_inertia.physics.channels.direction import DirectionConstants
 from bayes_inertia.physics.effect import ActiveEffects, Effect
-from bayes_inertia.physics.prediction import Structure, acting_in
+from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in
 from bayes_inertia.physics.processes import RowTimes
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import SlewInput
@@ -98,9 +98,8 @@ class _Slew(NamedTuple):
     def along(self, theta: Array, local: Array) -> _Along:
         """What parameters and the slew's own nuisances give along the planned motion."""
         active, context, path = self.acting(theta, local), self.context, self.path
-        J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
-        if self.structure.includes_wheel_spin:
-            J = inertia_tensor.without_wheel_spin(J, axes, context.spin_inertia)
+        J, axes = inertia_in(self.structure, theta, context), context.wheel_axes_B
+        torque = context.torque
         for effect, p in active:
             J, axes, torque = (
                 effect.inertia(p, context, J),
