@@ -150,7 +150,7 @@ _PUBLIC = {
     # What to fly next.
     "AchievedErrors": "design.comparison",
     "Contender": "design.comparison",
-    "CorrectionForecast": "design.correction_slew",
+    "CorrectionForecast": "design.after_campaign",
     "Design": "design.result",
     "Goal": "design.goals",
     "KeepOut": "design.limits",

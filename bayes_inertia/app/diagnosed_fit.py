@@ -19,7 +19,7 @@ from typing import Any
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.campaign.block_means import readings_a_mean, without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
+from bayes_inertia.design.after_campaign import CorrectionForecast, correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.quoted_parameters import (

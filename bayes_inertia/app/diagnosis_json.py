@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_inertia.app.diagnosed_fit import Investigation, NextFit
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.design.correction_slew import CorrectionForecast
+from bayes_inertia.design.after_campaign import CorrectionForecast
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.design.separating_slew import Separation
 from bayes_inertia.diagnosis.quoted_parameters import fitted_effects

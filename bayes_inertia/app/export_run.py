@@ -13,7 +13,7 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.result_folder import finished_posterior
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.correction_slew import UpdateForecast, correction_with_update
+from bayes_inertia.design.after_campaign import UpdateForecast, correction_with_update
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior

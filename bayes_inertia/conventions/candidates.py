@@ -45,13 +45,15 @@ from bayes_inertia.conventions.reading import (
     Mend,
     Mistake,
     Reading,
+    Stated,
     both,
     direction_sensors,
     followed,
+    key_changes,
     preceded,
+    said_of,
     with_values,
 )
-from bayes_inertia.conventions.stated import Stated, key_changes, said_of
 from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.table import Table, negated_name

@@ -51,13 +51,15 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    Stated,
     Teller,
     ToldTorques,
+    further_sensors,
     readings_of,
+    stated_by,
     untold,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged
-from bayes_inertia.conventions.stated import Stated, further_sensors, stated_by
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of

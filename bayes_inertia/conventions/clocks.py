@@ -22,9 +22,18 @@ from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews
-from bayes_inertia.conventions.reading import TORQUE, KeyChange, Mistake, Reading, unmended
+from bayes_inertia.conventions.reading import (
+    TORQUE,
+    KeyChange,
+    Mistake,
+    Reading,
+    Stated,
+    key_changes,
+    path_of,
+    said_of,
+    unmended,
+)
 from bayes_inertia.conventions.search import Remedy
-from bayes_inertia.conventions.stated import Stated, key_changes, path_of, said_of
 from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 

@@ -20,9 +20,15 @@ from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import TORQUE, Mistake, Reading, readings_of, unmended
+from bayes_inertia.conventions.reading import (
+    TORQUE,
+    Mistake,
+    Reading,
+    Stated,
+    readings_of,
+    unmended,
+)
 from bayes_inertia.conventions.search import Remedy
-from bayes_inertia.conventions.stated import Stated
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.noise import smooth_noise
 from bayes_inertia.faults.quantisation import resolution

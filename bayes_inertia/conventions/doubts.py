@@ -28,10 +28,10 @@ from bayes_inertia.conventions.reading import (
     TORQUE,
     Mistake,
     Reading,
+    Stated,
     direction_sensors,
     followed,
 )
-from bayes_inertia.conventions.stated import Stated
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD

@@ -34,8 +34,7 @@ from bayes_inertia.conventions.motion import (
     turned_back,
     without_mean,
 )
-from bayes_inertia.conventions.reading import Mistake, Reading, both
-from bayes_inertia.conventions.stated import Stated
+from bayes_inertia.conventions.reading import Mistake, Reading, Stated, both
 
 
 @dataclass(frozen=True)

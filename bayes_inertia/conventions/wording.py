@@ -20,9 +20,8 @@ from bayes_inertia.conventions.laws import (
     worst,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Mistake, Reading
+from bayes_inertia.conventions.reading import Mistake, Reading, Stated, path_of
 from bayes_inertia.conventions.search import Remedy
-from bayes_inertia.conventions.stated import Stated, path_of
 from bayes_inertia.files import vocabulary
 
 _WORDS: Mapping[str, Any] = vocabulary("conventions")

@@ -27,7 +27,7 @@ class Numerics:
     # How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
     rounding_slack: float = 2e-3
 
-    # `correction_slew.py`
+    # `after_campaign.py`
     # Longest control period [s] of a forecast: on-board loops are faster than slow telemetry.
     control_period: float = 1.0
 

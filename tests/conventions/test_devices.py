@@ -22,10 +22,10 @@ from bayes_inertia.conventions.reading import (
     FIELD,
     ToldTorque,
     ToldTorques,
+    stated_by,
     stated_reading,
     untold,
 )
-from bayes_inertia.conventions.stated import stated_by
 
 
 @pytest.fixture(scope="module")

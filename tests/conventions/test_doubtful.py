@@ -16,7 +16,7 @@ from bayes_inertia.app.commands.check import show_check
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
-from bayes_inertia.conventions.stated import Stated
+from bayes_inertia.conventions.reading import Stated
 from bayes_inertia.conventions.wording import invisible_in_brief
 from tests.support.wrong_conventions import with_keys
 

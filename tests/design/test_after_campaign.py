@@ -15,7 +15,7 @@ from bayes_inertia.app.commands.plans import show_design
 from bayes_inertia.app.options import DesignRequest
 from bayes_inertia.app.plan_folder import run_design
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.design import correction_slew, designer
+from bayes_inertia.design import after_campaign, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
 from bayes_inertia.design.designer import next_slew
 from bayes_inertia.flight.mission import following_plan, most_like_mission
@@ -80,8 +80,8 @@ def test_the_correction_forecast_begins_with_the_momentum_that_the_fit_knows(est
         flown.append(plan)
         return np.ones(len(thetas))
 
-    monkeypatch.setattr(correction_slew, "predict_correction_slew", predict_correction_slew)
-    assert correction_slew.correction_forecast(estimate, estimate, draws=2)
+    monkeypatch.setattr(after_campaign, "predict_correction_slew", predict_correction_slew)
+    assert after_campaign.correction_forecast(estimate, estimate, draws=2)
     expected = tuple(final_wheel_momentum(estimate).tolist())
     assert np.abs(expected).max() > 1e-3
     assert {plan.wheel_momentum for plan in flown} == {expected}
@@ -100,9 +100,9 @@ def test_the_correction_forecast_is_flown_by_a_loop_faster_than_slow_telemetry(
         flown.append(plan.telemetry_period)
         return np.ones(len(thetas))
 
-    monkeypatch.setattr(correction_slew, "predict_correction_slew", predict_correction_slew)
+    monkeypatch.setattr(after_campaign, "predict_correction_slew", predict_correction_slew)
     campaign = replace(small, slews=tuple(slews))
-    assert correction_slew.correction_with_update(campaign, draws, draws[0], draws[0])
+    assert after_campaign.correction_with_update(campaign, draws, draws[0], draws[0])
     assert set(flown) == {control}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.refits import fitted_with
 
-from bayes_inertia.design.correction_slew import correction_forecast
+from bayes_inertia.design.after_campaign import correction_forecast
 from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects import ConstantTorque, EachSlew, InertiaChange
