@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.result_folder import finished_posterior
+from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.after_campaign import UpdateForecast, correction_with_update
@@ -36,7 +36,6 @@ from bayes_inertia.report.export.formats import (
 from bayes_inertia.report.words import sentences
 from bayes_inertia.sealing import blaming, is_sealed
 
-_DAMAGED = "start a new run in another folder"
 _CORRECTION_SAYS = (
     f"after a slew of {DESIGN_NUMERICS.corrected_turn_deg:g} deg about the worst body axis, "
     "noise and effects left out; old and new J and K on board; median and 95 % quantile over the "
@@ -55,7 +54,7 @@ def exported_result(
     stored = run / "posterior.nc"
     posterior = finished_posterior(run)
     campaign = read_campaign(run / "campaign").without_locked_wheels()
-    with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
+    with blaming(stored, intact=is_sealed(stored, NEW_RUN), advice=NEW_RUN):
         summary = posterior.summary()
         parameters = _parameters(posterior, summary)
         if with_correction:

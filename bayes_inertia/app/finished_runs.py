@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.result_folder import finished_posterior
+from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import require
@@ -22,8 +22,6 @@ from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
 from bayes_inertia.report.run_comparison import ComparedRun, RunComparison, compare_runs
 from bayes_inertia.sealing import blaming, is_sealed, read_sealed_json, sha256_of
 from bayes_inertia.studies.plan_comparison import compare_plans
-
-_NEW_RUN = "start a new run in another folder"
 
 
 def compare_two_runs(first: Path, second: Path) -> RunComparison:
@@ -38,7 +36,7 @@ def compare_two_runs(first: Path, second: Path) -> RunComparison:
 
 def _compared_run(folder: Path, label: str) -> ComparedRun:
     posterior = finished_posterior(folder)
-    with blaming(folder, intact=is_sealed(folder / "posterior.nc", ""), advice=_NEW_RUN):
+    with blaming(folder, intact=is_sealed(folder / "posterior.nc", ""), advice=NEW_RUN):
         settings = dict(settings_rows(posterior))
         summary = run_summary(posterior, folder)
     return ComparedRun(str(folder), label, summary, settings | _asked_for(folder))

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from bayes_inertia.inference.posterior import Posterior
     from bayes_inertia.report.section import Section
 
+# What to do where a run is damaged.
+NEW_RUN = "start a new run in another folder"
 _ADVICE = "choose another folder; nothing was overwritten"
 
 

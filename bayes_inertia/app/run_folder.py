@@ -24,7 +24,7 @@ from bayes_inertia.app.diagnosis_json import (
     to_json,
 )
 from bayes_inertia.app.fit_campaign import fit, import_in_background
-from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
+from bayes_inertia.app.result_folder import NEW_RUN, ResultFolder, origin, write_json
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
@@ -52,7 +52,6 @@ from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
-_NEW_RUN = "start a new run in another folder"
 _RESULT_FILES = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
 # xarray asks dask's workers before it writes, where they are installed.
 _WANTED_LATER = ("arviz_stats", "h5netcdf", "distributed")
@@ -104,7 +103,7 @@ def read_run(folder: Path) -> Run:
     """The run that a folder holds."""
     path = folder / "run.json"
     require(path.is_file(), str(path), "no run here", "give the folder that `fit -o` wrote")
-    content = read_sealed_json(path, _NEW_RUN)
+    content = read_sealed_json(path, NEW_RUN)
     try:
         if content.get("format") != FORMAT:
             raise ValueError(f"format {content.get('format')!r}")
@@ -115,7 +114,7 @@ def read_run(folder: Path) -> Run:
             problem = error.errors()[0]
             reason = f"{problem['loc'][0]}: {problem['msg']}"
         what = reason if isinstance(error, SettingsError) else f"not a run description ({reason})"
-        raise CampaignError(what, where=str(path), advice=_NEW_RUN) from error
+        raise CampaignError(what, where=str(path), advice=NEW_RUN) from error
 
 
 def start(
@@ -269,7 +268,7 @@ def run_page(
 
     content = read_diagnosis(folder)
     sealed_diagnosis = content is None or SEAL_KEY in content
-    with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
+    with blaming(folder, intact=intact and sealed_diagnosis, advice=NEW_RUN):
         sections = standard_sections(posterior, content, _forecast(posterior, folder))
         if promise is not None:
             # Behind result, reasons and parameters.
@@ -280,7 +279,7 @@ def run_page(
 def _origin(folder: Path) -> dict[str, str]:
     """Date and data of the run, as far as it states them."""
     path = folder / "run.json"
-    claim = read_sealed_json(path, _NEW_RUN) if path.is_file() else {}
+    claim = read_sealed_json(path, NEW_RUN) if path.is_file() else {}
     return {key: str(claim[key]) for key in ("date", "data") if key in claim}
 
 

@@ -16,7 +16,7 @@ import sys
 import textwrap
 import webbrowser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TextIO
@@ -273,8 +273,6 @@ def open_in_browser(page: Path, wanted: bool) -> None:
             browser.open(page.resolve().as_uri())
 
 
-@contextmanager
-def progress_bar() -> Iterator[Progress]:
+def progress_bar() -> AbstractContextManager[Progress]:
     """A callback that shows the stage of a command on stderr while the context lasts."""
-    with bar_on(plain_console(stderr=True)) as update:
-        yield update
+    return bar_on(plain_console(stderr=True))

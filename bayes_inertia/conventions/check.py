@@ -29,7 +29,7 @@ from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
-from bayes_inertia.conventions.clocks import Clocks, clocks, known_offsets, streams_apart
+from bayes_inertia.conventions.clocks import clocks, known_offsets, streams_apart
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
 from bayes_inertia.conventions.doubts import (
     Factors,
@@ -59,7 +59,7 @@ from bayes_inertia.conventions.reading import (
     stated_by,
     untold,
 )
-from bayes_inertia.conventions.search import Judgement, Remedy, judged
+from bayes_inertia.conventions.search import Remedy, judged
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -69,23 +69,23 @@ from bayes_inertia.maths.values import json_ready
 
 def what_mends(
     misfits: Misfits,
-    judgement: Judgement,
+    mending: tuple[Remedy, ...],
+    reading: Reading,
     singles: Sequence[Mistake],
     stated: Stated,
     differ: Factors | None,
-) -> tuple[tuple[Remedy, ...], Clocks]:
-    """All that makes the data consistent, the best first, and what is said of the clocks."""
-    mending, clock = judgement.remedies, Clocks()
+) -> tuple[tuple[Remedy, ...], tuple[str, ...]]:
+    """All that makes the data consistent beside mistakes that do, the best first; and remarks."""
+    remarks: tuple[str, ...] = ()
     if not mending:
-        clock = clocks(misfits, judgement.reading, stated)
-        mending = clock.remedies
-    exact = _of_factor(misfits, judgement.reading, stated, differ)
+        mending, remarks = clocks(misfits, reading, stated)
+    exact = _of_factor(misfits, reading, stated, differ)
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
-        return exact or _of_streams(misfits, judgement.reading, stated) or mending, clock
+        return exact or _of_streams(misfits, reading, stated) or mending, remarks
     better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
-    return (*mending, *better), clock
+    return (*mending, *better), remarks
 
 
 def _of_streams(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:
@@ -338,21 +338,20 @@ def _held_against_laws(case: _Case, misfits: Misfits, faults: tuple[str, ...]) -
     campaign, keys, stated = case.campaign, case.stated, misfits.stated()
     directions = misfits.fit(DIRECTION, stated) is not None
     singles = mistakes(campaign, keys, misfits.own_axes, directions)
-    judgement = judged(misfits, stated, singles, keys)
-    reading = judgement.reading
+    remedies, reading = judged(misfits, stated, singles, keys)
     differ = None if faults else factors(misfits, reading)
     # What a column that is no reading makes wrong is no convention.
     mending: tuple[Remedy, ...] = ()
-    clock = Clocks()
+    remarks: tuple[str, ...] = ()
     if not faults:
-        mending, clock = what_mends(misfits, judgement, singles, keys, differ)
+        mending, remarks = what_mends(misfits, remedies, reading, singles, keys, differ)
     if misfits.smoothed:
         mending = tuple(r for r in mending if _is_told(r.mistake, misfits.own_axes))
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(case, misfits, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
-        reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
+        reading = mending[0].mistake.mend(stated if mending[0] in remedies else reading)
         mending = (_completed(mending[0], case), *mending[1:])
     edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
     fits = misfits.of(stated if wrong else reading)
@@ -366,7 +365,7 @@ def _held_against_laws(case: _Case, misfits: Misfits, faults: tuple[str, ...]) -
         changes=_changes(mending),
         edits=tuple(edits),
         cannot_show=() if case.quick else invisible(misfits, reading, singles * (not wrong), keys),
-        remarks=clock.remarks,
+        remarks=remarks,
         doubts=doubts,
         dirt=() if case.quick else dirt_of(campaign, misfits, stated, reading),
     )

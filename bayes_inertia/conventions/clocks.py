@@ -45,17 +45,14 @@ _EFFECT = {
 }
 
 
-@dataclass(frozen=True)
-class Clocks:
-    """Lateness of the streams by each law."""
+def clocks(
+    misfits: Misfits, reading: Reading, stated: Stated
+) -> tuple[tuple[Remedy, ...], tuple[str, ...]]:
+    """Streams that are late against each other.
 
-    # Clocks that are wrong by more than any sensor is late, the best proposal first
-    remedies: tuple[Remedy, ...] = ()
-    remarks: tuple[str, ...] = ()  # Latenesses that are physical
-
-
-def clocks(misfits: Misfits, reading: Reading, stated: Stated) -> Clocks:
-    """Streams that are late against each other."""
+    Returns: clocks that are wrong by more than any sensor is late, the best proposal first; remarks
+    on latenesses that are physical.
+    """
     # Rates that all sensors tell follow the fixes.
     laws = (CONSERVATION, DRIVE) if misfits.smoothed else (CLOSURE, CONSERVATION, DRIVE)
     told = {
@@ -81,7 +78,7 @@ def clocks(misfits: Misfits, reading: Reading, stated: Stated) -> Clocks:
         moved = misfits.shifted(mistake.shifts)
         if moved is not None and worst(moved.of(reading)) < LIMITS.ordinary:
             proposals.append(Remedy(mistake, late.before, late.after))
-    return Clocks(tuple(proposals), remarks)
+    return tuple(proposals), remarks
 
 
 def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:

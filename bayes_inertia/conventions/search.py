@@ -47,30 +47,24 @@ class Remedy:
     after: float
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """Verdict on a campaign's conventions."""
-
-    # What makes inconsistent data consistent, the best first, with what the data hold equal
-    remedies: tuple[Remedy, ...]
-    # Conventions as stated, with the bias that the telemetry tells where the stated one is stale
-    reading: Reading
-
-
 def judged(
     misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake], keys: Stated
-) -> Judgement:
-    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both."""
+) -> tuple[tuple[Remedy, ...], Reading]:
+    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both.
+
+    Returns: the mistakes, the best first, with what the data hold equal; the conventions as stated,
+    with the bias that the telemetry tells where the stated one is stale.
+    """
     before = laws.worst(misfits.of(stated))
     if before <= LIMITS.suspicious:
-        return Judgement((), stated)
+        return (), stated
     own = with_own_bias(misfits, stated)
     reading = own if _is_stale(misfits, stated, own) else stated
     biased = laws.worst(misfits.of(reading))
     search = _Search(misfits, stated, before, keys)
     if before <= LIMITS.impossible:
-        return Judgement(_surely(search, singles, reading, biased), reading)
-    return Judgement(_impossible(search, singles, biased), reading)
+        return _surely(search, singles, reading, biased), reading
+    return _impossible(search, singles, biased), reading
 
 
 def _is_stale(misfits: laws.Misfits, stated: Reading, own: Reading) -> bool:
