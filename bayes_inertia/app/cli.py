@@ -19,13 +19,13 @@ from typing import Annotated
 import typer
 
 from bayes_inertia.app.commands.campaigns import new_command, simulate_command
-from bayes_inertia.app.commands.check import check_command, doctor_command
-from bayes_inertia.app.commands.effects import effects_command
-from bayes_inertia.app.commands.finished import export_command, report_command
+from bayes_inertia.app.commands.check import check_command, doctor_command, effects_command
 from bayes_inertia.app.commands.fit import (
     demo_command,
     diagnose_command,
+    export_command,
     fit_command,
+    report_command,
     resume_command,
     update_command,
 )

@@ -10,7 +10,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import run_folder
-from bayes_inertia.app.commands.effects import show_checked_effect
+from bayes_inertia.app.commands.check import show_checked_effect
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.physics.check_effect import CheckedEffect
 from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC

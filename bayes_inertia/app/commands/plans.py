@@ -25,6 +25,7 @@ from bayes_inertia.app.terminal import (
 )
 
 if TYPE_CHECKING:
+    from bayes_inertia.app.observe_folder import ObservedCampaign
     from bayes_inertia.app.plan_folder import DesignedPlan
     from bayes_inertia.design.comparison import Contender
     from bayes_inertia.design.result import Design
@@ -137,10 +138,6 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     for table in (sds_table(contenders), costs_table(contenders)):
         print_table(table.columns, table.rows, list(table.columns)[2:])
     console.print(f"wrote compare.json, compare.png and compare.html in {folder}")
-
-
-if TYPE_CHECKING:
-    from bayes_inertia.app.observe_folder import ObservedCampaign
 
 
 def observe_command(
