@@ -165,37 +165,18 @@ def compare_plans(
     require(known_apart, "plans", what, "give each its own name")
     mean = Mission.of(mission).at_prior_mean()
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
-    limits = limits or Limits()
+    limits, contenders = limits or Limits(), list[Contender]()
     if not simulated:
-        contenders: list[Contender] = []
         for name, plan in named.items():
             as_callback(progress)("flying each once, plans", len(contenders), len(named))
             contenders.append(assess_plan(name, plan, mean, limits, seed=seed))
         return tuple(contenders)
+    callbacks: dict[str, Any] = {"progress": as_callback(progress), "notice": notice}
     with open_workers(engine, jobs, scheduler) as workers:
-        callbacks = {"progress": as_callback(progress), "notice": notice}
-        fits = _Fits(mean, joblib.hash(mean), simulated, seed, folder, callbacks)
-        return tuple(
-            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, workers))
-            for name, plan in named.items()
-        )
-
-
-@dataclass(frozen=True)
-class _Fits:
-    """Inputs that campaigns of every plan share."""
-
-    mission: Mission
-    mission_digest: str
-    simulated: int
-    seed: int
-    folder: Path | None
-    callbacks: dict[str, Any]
-
-    def of_plan(self, plan: Plan, workers: Workers) -> AchievedErrors:
-        """Errors of fits to simulated campaigns of one plan."""
-        digest = joblib.hash(plan)
-        options = {"plan": digest, "mission": self.mission_digest}
-        work = simulated_fits(plan, self.mission, self.simulated, self.seed, options=options)
-        folder = None if self.folder is None else self.folder / digest
-        return fit_simulated_campaigns(work, workers, folder, **self.callbacks)
+        for name, plan in named.items():
+            digests = {"plan": joblib.hash(plan), "mission": joblib.hash(mean)}
+            work = simulated_fits(plan, mean, simulated, seed, options=digests)
+            kept_in = None if folder is None else folder / digests["plan"]
+            achieved = fit_simulated_campaigns(work, workers, kept_in, **callbacks)
+            contenders.append(assess_plan(name, plan, mean, limits, seed=seed, achieved=achieved))
+    return tuple(contenders)
