@@ -20,7 +20,7 @@ import numpy as np
 
 import bayes_inertia as bi
 from analyses import results_of
-from bayes_inertia.design.expected_accuracy import likely_missions
+from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan

@@ -5,7 +5,7 @@
 Their sd against slew rate, number of slews, noise, tachometers and misalignment. It writes
 `figures/cross_terms.png`, `results/design/cross_terms.json` and the page
 `analyses/CROSS_TERMS.md` (about ten minutes). Every sd is that of the full model, linearised at the
-truth of closed-loop flights with noise (`bayes_inertia.design.expected_accuracy`): the root mean
+truth of closed-loop flights with noise (`bayes_inertia.design.comparison`): the root mean
 square over a few truths drawn from the prior.
 """
 
@@ -31,7 +31,7 @@ from analyses.design.cross_terms_cases import (
     RATES,
 )
 from analyses.design.cross_terms_page import page, picture
-from bayes_inertia.design.expected_accuracy import estimate_at_truth, likely_missions
+from bayes_inertia.design.comparison import estimate_at_truth, likely_missions
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan

@@ -39,9 +39,13 @@ from analyses.design.cases import (
 )
 from analyses.design.page import gains_picture, page, ratio_picture
 from analyses.design.separation import PAIRS, told_apart
-from bayes_inertia.design.comparison import AchievedErrors, fit_simulated_campaign
+from bayes_inertia.design.comparison import (
+    AchievedErrors,
+    estimate_at_truth,
+    expected_sd,
+    fit_simulated_campaign,
+)
 from bayes_inertia.design.designer import design_plan, random_plans, set_up_design
-from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.margins import flown_margins
 from bayes_inertia.design.plan_problem import PlanProblem

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from analyses.design.cases import CRAFT, MISSION, PRIOR, ROOT, plan_for
-from bayes_inertia.design.expected_accuracy import estimate_at_truth
+from bayes_inertia.design.comparison import estimate_at_truth
 from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests
 from bayes_inertia.diagnosis.search import diagnose

@@ -21,7 +21,7 @@ from scipy import optimize
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
-from bayes_inertia.design.expected_accuracy import likely_missions
+from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.design.feasible_region import (
     FeasibleRegion,
     draw_variables,

@@ -4,7 +4,7 @@ The model that will be fitted is linearised around the planned motion, flown wit
 it needs. Each row of the coarse grid of `planned_motion` stands for the telemetry samples of its
 time. So the information comes close to that of the full telemetry: sds within a few per cent with
 tachometers. Without them, fast slews tell cross terms by small gyroscopic torques alone, and what
-the controller adds to the planned motion changes their sds by up to a third. `expected_accuracy`
+the controller adds to the planned motion changes their sds by up to a third. `comparison`
 flies the plan and gives the exact ones.
 """
 

@@ -30,14 +30,13 @@ from bayes_inertia.report.pictures.diagnosis import (
     draw_shifts,
     draw_signal,
 )
-from bayes_inertia.report.pictures.pairs import draw_pairs
+from bayes_inertia.report.pictures.pairs import draw_pairs, draw_priors
 from bayes_inertia.report.pictures.posterior_data import (
     n_ensembles,
     n_slews,
     time_in_slew,
     values_of,
 )
-from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.pictures.telemetry import draw_correction
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
 from bayes_inertia.report.section import Picture, Section, captioned, packaged

@@ -109,7 +109,7 @@ class Layout:
     cell_gap: float = 0.06
     most_upright_labels: int = 10  # more labels than this are turned
 
-    # `pictures/priors.py`
+    # `pictures/pairs.py`, priors
     density_bins: int = 96  # of a density
     # Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
     zoomed_sd_ratio: float = 0.12

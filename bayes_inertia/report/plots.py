@@ -17,8 +17,7 @@ from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.diagnosis import candidates_panel
 from bayes_inertia.report.pictures.observability import sd_panel
-from bayes_inertia.report.pictures.pairs import pairs_panel
-from bayes_inertia.report.pictures.priors import prior_panel
+from bayes_inertia.report.pictures.pairs import pairs_panel, prior_panel
 from bayes_inertia.report.pictures.telemetry import attitude_panel, rate_panel, residual_panel
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.campaign.hardware import InertiaPrior
+from bayes_inertia.design.comparison import estimate_at_truth
 from bayes_inertia.design.designer import design_plan, next_slew, set_up_design
-from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.design.margins import broken_limits, flown_margins

@@ -11,7 +11,7 @@ import pytest
 from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
-from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
+from bayes_inertia.design.comparison import estimate_at_truth, expected_sd
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.flight.mission import Mission, following_plan

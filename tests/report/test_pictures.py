@@ -12,8 +12,7 @@ from bayes_inertia.physics.parameters import base_names, base_units
 from bayes_inertia.report.pictures import posterior_data
 from bayes_inertia.report.pictures.chains import draw_chains, worst_parameter
 from bayes_inertia.report.pictures.diagnosis import draw_misfit_by_step, draw_shifts
-from bayes_inertia.report.pictures.pairs import draw_pairs
-from bayes_inertia.report.pictures.priors import draw_priors
+from bayes_inertia.report.pictures.pairs import draw_pairs, draw_priors
 from bayes_inertia.report.pictures.telemetry import draw_attitude, draw_rates, draw_residuals
 
 KINDS = ("good", "one_slew", "thrown", "many_effects")

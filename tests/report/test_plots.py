@@ -41,7 +41,7 @@ def test_without_axes_a_new_figure_is_made(posteriors):
 
 
 def test_the_report_draws_with_the_same_code(posteriors):
-    from bayes_inertia.report.pictures.priors import draw_priors
+    from bayes_inertia.report.pictures.pairs import draw_priors
 
     drawn = draw_priors(posteriors["good"]).axes[3].lines
     own = bi.plot_prior(posteriors["good"], "Jxy", ax=Figure().subplots()).lines
