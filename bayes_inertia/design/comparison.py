@@ -236,12 +236,8 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
         for key in ("rate_B", "attitude", "wheel_momentum")
     ]
     turned = np.asarray(quaternion.error(reference.attitude, jnp.asarray(start[1])))
-    local = (
-        np.concatenate(
-            [start[0] - reference.rate_B, turned, start[2] - reference.wheel_momentum], axis=1
-        )
-        / scale
-    )
+    off = [start[0] - reference.rate_B, turned, start[2] - reference.wheel_momentum]
+    local = np.concatenate(off, axis=1) / scale
     coefficients = np.zeros((len(local), model.structure.n_local - local.shape[1]))
     local = np.concatenate([local, coefficients], axis=1)
     point = Point(theta, np.zeros(model.n_bias), local)

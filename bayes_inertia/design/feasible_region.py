@@ -115,10 +115,8 @@ def time_without_motion(times: PlanTimes, n: int) -> float:
     >>> time_without_motion(PlanTimes(20.0, 33.0, 12.0, 300.0, 8.0, 1.0, 1.0), 2)
     432.0
     """
-    return (
-        n * (times.rest_before + times.settle + times.rest_after + times.telemetry_period)
-        + (n - 1) * times.pause
-    )
+    of_one = times.rest_before + times.settle + times.rest_after + times.telemetry_period
+    return n * of_one + (n - 1) * times.pause
 
 
 def draw_variables(

@@ -143,10 +143,8 @@ def criterion(
         return jnp.sqrt(_smooth_largest(variances) if smooth else jnp.max(variances))
     if goal.kind == "inertia":
         scale = prior_sd[:6]
-        size = jnp.linalg.slogdet(covariance[:6, :6] / scale / scale[:, None])[1] + 2.0 * jnp.sum(
-            jnp.log(scale)
-        )
-        return jnp.exp(size / 12.0)
+        volume = jnp.linalg.slogdet(covariance[:6, :6] / scale / scale[:, None])[1]
+        return jnp.exp((volume + 2.0 * jnp.sum(jnp.log(scale))) / 12.0)
     if goal.kind == "correction_slew":
         relative = covariance[6:9, 6:9] / theta[6:9] / theta[6:9, None]
         slopes = correction_sensitivity()
@@ -161,10 +159,8 @@ def criterion(
 
 def _smooth_largest(variances: Array) -> Array:
     """A norm close to the largest of variances (n,)."""
-    top = jnp.max(variances)
-    return top * jnp.sum((variances / top) ** (NUMERICS.norm_order // 2)) ** (
-        2.0 / NUMERICS.norm_order
-    )
+    top, order = jnp.max(variances), NUMERICS.norm_order
+    return top * jnp.sum((variances / top) ** (order // 2)) ** (2.0 / order)
 
 
 def correction_sensitivity() -> np.ndarray:

@@ -131,11 +131,9 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     9
     """
     model, craft = planned_model(plan, mission, effects), mission.spacecraft
-    environment = (
-        last_environment(model.campaign)
-        if plan.orbit is None
-        else orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
-    )
+    environment = last_environment(model.campaign)
+    if plan.orbit is not None:
+        environment = orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
     conditions = conditions_of(model, craft, environment, first=0, start_time=0.0)
     together, sd = model.space.whitening, model.space.sd
     prior = np.diag(sd**-2.0) if together is None else (together / sd).T @ (together / sd)

@@ -158,9 +158,8 @@ def _search(problem: PlanProblem, seed: int) -> tuple[np.ndarray, np.ndarray]:
     width = NUMERICS.first_width
     for _ in range(NUMERICS.search_rounds):
         order = np.argsort(values)[: NUMERICS.kept_each_round]
-        children = x[order][rng.integers(0, NUMERICS.kept_each_round, NUMERICS.slews_per_batch)] * (
-            1.0 + width * rng.normal(size=(NUMERICS.slews_per_batch, 5))
-        )
+        parents = rng.integers(0, NUMERICS.kept_each_round, NUMERICS.slews_per_batch)
+        children = x[order][parents] * (1.0 + width * rng.normal(size=(len(parents), 5)))
         children[:, 3:] = np.clip(children[:, 3:], NUMERICS.smallest_fractions, 1.0)
         x = np.concatenate([x[order], children])
         values, information = (
@@ -185,10 +184,8 @@ def noncentrality(matrix: np.ndarray, effect: np.ndarray, imitator: np.ndarray) 
     3.0
     """
     across = matrix[np.ix_(imitator, effect)]
-    left = (
-        matrix[np.ix_(effect, effect)]
-        - across.T @ np.linalg.pinv(matrix[np.ix_(imitator, imitator)], hermitian=True) @ across
-    )
+    inverted = np.linalg.pinv(matrix[np.ix_(imitator, imitator)], hermitian=True)
+    left = matrix[np.ix_(effect, effect)] - across.T @ inverted @ across
     return float(max(np.trace(left), 0.0))
 
 
@@ -205,10 +202,8 @@ def _projected(problem: PlanProblem, information: np.ndarray) -> np.ndarray:
     precision[effects, effects] -= sd[effects] ** -2.0
     rest = np.setdiff1d(np.arange(len(precision)), effects)
     across = precision[np.ix_(rest, effects)]
-    matrix = (
-        precision[np.ix_(effects, effects)]
-        - across.T @ inverse(precision[np.ix_(rest, rest)]) @ across
-    )
+    taken = across.T @ inverse(precision[np.ix_(rest, rest)]) @ across
+    matrix = precision[np.ix_(effects, effects)] - taken
     return matrix * np.outer(sd[effects], sd[effects])
 
 

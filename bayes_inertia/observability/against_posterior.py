@@ -59,12 +59,11 @@ def _compare(
     sd = float(draws.std(ddof=1))
     shift, ratio = float((draws.mean() - p.value) / p.sd), sd / p.sd
     skewness, kurtosis = float(stats.skew(draws)), float(stats.kurtosis(draws))
-    differs = abs(np.log(ratio)) > LIMITS.max_log_sd_ratio + LIMITS.monte_carlo_errors / np.sqrt(
-        2.0 * effective
-    ) or abs(shift) > LIMITS.max_shift + LIMITS.monte_carlo_errors / np.sqrt(effective)
-    odd = abs(skewness) > LIMITS.max_skewness + LIMITS.monte_carlo_errors * np.sqrt(
-        6.0 / effective
-    ) or abs(kurtosis) > LIMITS.max_kurtosis + LIMITS.monte_carlo_errors * np.sqrt(24.0 / effective)
+    errors = LIMITS.monte_carlo_errors
+    other_sd = abs(np.log(ratio)) > LIMITS.max_log_sd_ratio + errors / np.sqrt(2.0 * effective)
+    differs = other_sd or abs(shift) > LIMITS.max_shift + errors / np.sqrt(effective)
+    skewed = abs(skewness) > LIMITS.max_skewness + errors * np.sqrt(6.0 / effective)
+    odd = skewed or abs(kurtosis) > LIMITS.max_kurtosis + errors * np.sqrt(24.0 / effective)
     of_J = p.name in inertia_tensor.ELEMENTS
     holds = {
         "prior": p.verdict in ("prior", "weakly"),

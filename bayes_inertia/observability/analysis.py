@@ -166,15 +166,8 @@ def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     b = len(estimate.point.bias)
     variance = np.diag(estimate.joint_covariance)[:f]
     blocks = [block_index(f + b, m, s) for s in range(estimate.model.n_slews)]
-    share = (
-        np.stack(
-            [
-                np.einsum("pf,cpq,qf->cf", w[i], a, w[i])
-                for i, a in zip(blocks, estimate.information.matrix, strict=True)
-            ]
-        )
-        * variance
-    )
+    of_slews = zip(blocks, estimate.information.matrix, strict=True)
+    share = np.stack([np.einsum("pf,cpq,qf->cf", w[i], a, w[i]) for i, a in of_slews]) * variance
     precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
     own = np.diag(precision)
     prior = np.concatenate([own, np.ones(len(w) - f)])[:, None] * w**2 * variance
@@ -326,9 +319,8 @@ def _log_variances(precision: np.ndarray, uncertain: np.ndarray, count: int) -> 
     cross = precision[np.ix_(uncertain, np.arange(count))]
     variance = np.zeros(count)
     outside = ~np.isin(np.arange(count), uncertain)
-    variance[outside] = 1.0 / (
-        alone[outside] - np.einsum("ki,kl,li->i", cross[:, outside], covariance, cross[:, outside])
-    )
+    taken = np.einsum("ki,kl,li->i", cross[:, outside], covariance, cross[:, outside])
+    variance[outside] = 1.0 / (alone[outside] - taken)
     for place, i in enumerate(uncertain):
         if i < count:
             variance[i] = covariance[place, place]

@@ -183,10 +183,8 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     direction[places] = estimate.theta[estimate.free[places]]
     ratio = _ratio(estimate, direction, J_part)
     exact = ratio < LIMITS.exact_below
-    has_tachometers = model.structure.drive == "commanded" and bool(
-        estimate.information.n_data[:, 2].any()
-    )
-    told = has_tachometers and not exact
+    read = bool(estimate.information.n_data[:, 2].any())
+    told = model.structure.drive == "commanded" and read and not exact
     says += _SAYS["gain_told" if told else "gain_shown"].format(ratio=ratio)
     concerned = (*inertia_tensor.ELEMENTS, *gains)
     return Degeneracy("common wheel gain", exact, not told, concerned, ratio, says)
@@ -293,13 +291,6 @@ def _left_with_free_inertia(estimate: Estimate) -> float:
     slope = prior_rows(estimate.model, theta)[0][free[tensor]]
     gradient = (information @ direction)[tensor] / slope
     alone = direction @ information @ direction
-    hidden = (
-        gradient
-        @ np.linalg.pinv(
-            information[np.ix_(tensor, tensor)] / np.outer(slope, slope),
-            rcond=1e-12,
-            hermitian=True,
-        )
-        @ gradient
-    )
+    scaled = information[np.ix_(tensor, tensor)] / np.outer(slope, slope)
+    hidden = gradient @ np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) @ gradient
     return float(np.clip(1.0 - hidden / alone, 0.0, 1.0)) if alone > 0.0 else 0.0

@@ -269,11 +269,8 @@ def result_sections(
     verdicts = {"Can it be used?": fit_verdict(summary, n_slews(posterior))}
     if diagnosis is not None:
         verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
-        bound = (
-            phrase("diagnosis", "could_hide", hidden)
-            if (hidden := diagnosis.get("could_hide"))
-            else ""
-        )
+        if hidden := diagnosis.get("could_hide"):
+            bound = phrase("diagnosis", "could_hide", hidden)
     level, rows = level_of(summary, [v.level for v in verdicts.values()]), summary["parameters"]
     matrices = {
         "J / trace J": _tensor(ratios_told(summary), "/trace"),

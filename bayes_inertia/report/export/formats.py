@@ -226,9 +226,8 @@ def one_line(text: str) -> str:
     'a b ?'
     """
     shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in " ".join(text.split()))
-    return (
-        shown if len(shown) <= LAYOUT.comment_line else f"{shown[: LAYOUT.comment_line - 6]} [...]"
-    )
+    most = LAYOUT.comment_line
+    return shown if len(shown) <= most else f"{shown[: most - 6]} [...]"
 
 
 def rounded(value: float, sd: float) -> str:

@@ -23,9 +23,8 @@ def draw_observability(observability: Observability) -> Figure:
     much each group of unknowns widens the sd. Below: when the information on the cross terms
     arrives, in the slews that tell most of them.
     """
-    shown = [name for name in _PRODUCTS_OF_INERTIA if name in observability.names] or list(
-        observability.names
-    )[:3]
+    names = observability.names
+    shown = [name for name in _PRODUCTS_OF_INERTIA if name in names] or list(names[:3])
     arrivals = _telling(observability, shown)
     n, slews = len(observability.parameters), len(arrivals)
     bars, below, top, gap = 0.34 * n + 0.3, 2.2, 0.75, 1.15
@@ -133,11 +132,8 @@ def _times(
     for s, (axes, arrival) in enumerate(zip(panels, arrivals, strict=True)):
         edges, precision = in_windows(arrival)
         for k, name in enumerate(shown):
-            share = (
-                100.0
-                * precision[..., observability.names.index(name)].sum(1)
-                * observability[name].sd ** 2
-            )
+            told = precision[..., observability.names.index(name)].sum(1)
+            share = 100.0 * told * observability[name].sd ** 2
             highest = max(highest, float(share.max()))
             axes.stairs(share, edges, **style.line(k), lw=1.2, label=name)
         axes.set(xlabel="time in the slew [s]")
