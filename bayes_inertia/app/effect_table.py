@@ -22,14 +22,9 @@ FORMAT = "bayes-inertia-effects/1"
 
 def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
     """Content of `effects --json`."""
-    return json_ready(
-        {
-            "format": FORMAT,
-            "campaign": campaign.name,
-            "effects": [_row(effect, campaign) for effect in effects],
-            "installed": installed_effects(),
-        }
-    )
+    rows = [_row(effect, campaign) for effect in effects]
+    content = {"format": FORMAT, "campaign": campaign.name, "effects": rows}
+    return json_ready(content | {"installed": installed_effects()})
 
 
 def effect_lines(row: Mapping[str, Any]) -> list[str]:

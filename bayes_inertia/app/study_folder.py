@@ -165,15 +165,11 @@ def run_calibration(
 def calibration_picture(calibration: Calibration):
     """ECDFs of all ranks with the band that holds them all in 99 % of right studies."""
     level = 1.0 - calibration.limit
-    curves = [
-        RankCurves(
-            f"{case.name}, {len(case.ranks)} fits",
-            case.departures,
-            ecdf_band(len(case.ranks), STUDIES_LIMITS.ranked_draws, level),
-            len(case.ranks),
-        )
-        for case in calibration.cases
-    ]
+    curves = []
+    for case in calibration.cases:
+        n = len(case.ranks)
+        band = ecdf_band(n, STUDIES_LIMITS.ranked_draws, level)
+        curves.append(RankCurves(f"{case.name}, {n} fits", case.departures, band, n))
     return draw_calibration(curves, QUANTITIES)
 
 

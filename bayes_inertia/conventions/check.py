@@ -414,19 +414,12 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
     """The keys to change; none where the first cause is in no key."""
     if mending and not mending[0].mistake.changes:
         return ()
-    return tuple(
-        ConventionChange(
-            change.key,
-            change.stated,
-            change.mended,
-            remedy.before,
-            remedy.after,
-            number,
-            remedy.mistake.words,
-        )
-        for number, remedy in enumerate(mending, 1)
-        for change in remedy.mistake.changes
-    )
+    changes: list[ConventionChange] = []
+    for number, remedy in enumerate(mending, 1):
+        told, keys = (remedy.before, remedy.after, number), remedy.mistake.changes
+        words = remedy.mistake.words
+        changes += [ConventionChange(c.key, c.stated, c.mended, *told, words) for c in keys]
+    return tuple(changes)
 
 
 def _companions(mended: KeyChange, case: _Case) -> Iterator[KeyChange]:

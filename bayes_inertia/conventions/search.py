@@ -196,18 +196,10 @@ def turned_sensor(misfits: laws.Misfits, reading: Reading, keys: Stated) -> list
     axes = reading.rate_axes_B
     words = "the rates are along other axes"
     found = (_from_fixes, _from_momentum) if len(axes) else ()
-    rotations = [told(misfits, reading) for told in found]
-    return [
-        axes_mistake(
-            keys,
-            axes,
-            np.round(axes @ rotation.T, LIMITS.axis_decimals),
-            LIMITS.sensor_rarity,
-            words,
-        )
-        for rotation in rotations
-        if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
-    ]
+    told = (tell(misfits, reading) for tell in found)
+    turned = [axes @ r.T for r in told if r is not None and not _whole(r)]
+    proposed = [np.round(x, LIMITS.axis_decimals) for x in turned if not _whole(x)]
+    return [axes_mistake(keys, axes, x, LIMITS.sensor_rarity, words) for x in proposed]
 
 
 def turned_beside_bias(misfits: laws.Misfits, reading: Reading, keys: Stated) -> list[Mistake]:

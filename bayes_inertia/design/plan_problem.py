@@ -117,12 +117,9 @@ class PlanProblem:
         variables.
         """
         static = (self.goal, self.forecast.layout, self.groups)
-        results = [
-            _log_value_and_gradient(
-                *static, self.forecast.arrays, theta, self.region, self.end_attitude, x
-            )
-            for theta in self.thetas[:truths]
-        ]
+        arrays, given = self.forecast.arrays, (self.region, self.end_attitude, x)
+        thetas = self.thetas[:truths]
+        results = [_log_value_and_gradient(*static, arrays, theta, *given) for theta in thetas]
         gradient = np.mean([np.asarray(gradient) for _, gradient in results], axis=0)
         return float(np.mean([value for value, _ in results])), gradient
 

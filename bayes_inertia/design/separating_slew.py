@@ -272,12 +272,8 @@ def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.nd
     names, nulls = model.space.names, model.space.nulls
     own = set(names[: model.n_known])
     known = [name for name in names if name in own or name.partition(".")[0] in fitted]
-    return np.array(
-        [
-            estimated[name] if name in known else null
-            for name, null in zip(names, nulls, strict=True)
-        ]
-    )
+    named = zip(names, nulls, strict=True)
+    return np.array([estimated[name] if name in known else null for name, null in named])
 
 
 def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

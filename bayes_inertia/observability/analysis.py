@@ -244,19 +244,10 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     typical = max(float(np.median(information)), 1.0)
     directions = []
     for k in np.argsort(-left):
-        exact = bool(
-            information[k] < LIMITS.exact_below * typical and 1.0 - left[k] < LIMITS.prior_below
-        )
+        told, contraction = float(information[k]), float(1.0 - left[k])
+        exact = told < LIMITS.exact_below * typical and contraction < LIMITS.prior_below
         weights = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
-        directions.append(
-            Direction(
-                weights=weights,
-                information=float(information[k]),
-                contraction=float(1.0 - left[k]),
-                exact=exact,
-                says=in_words(names, weights),
-            )
-        )
+        directions.append(Direction(weights, told, contraction, exact, in_words(names, weights)))
     return tuple(directions)
 
 

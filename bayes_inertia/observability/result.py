@@ -158,12 +158,7 @@ def _card(observability: Observability) -> Card:
         *([f"not told apart: {hidden}"] if hidden else []),
     )
     rows = tuple(
-        (
-            p.name,
-            parameter_text(p.name, p.value, p.sd, p.unit),
-            f"{p.prior_sd:.2g}",
-            p.verdict,
-        )
+        (p.name, parameter_text(p.name, p.value, p.sd, p.unit), f"{p.prior_sd:.2g}", p.verdict)
         for p in parameters
     )
     return Card(lines, ("parameter", "estimate ± sd", "prior sd", "verdict"), rows)

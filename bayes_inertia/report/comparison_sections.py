@@ -15,15 +15,9 @@ def comparison_page(comparison: RunComparison) -> str:
     sections = {"Verdict": "verdict", "Parameters": "parameters", "Gates": "gates"}
     sections |= {"What differs in settings": "settings"}
     context = {"c": comparison, "powers": exponents_of(*comparison.rows)}
-    return render_page(
-        f"{comparison.first.label} and {comparison.second.label}",
-        [
-            Section(
-                title,
-                packaged(f"comparison_{name}.html"),
-                context,
-                pictures if name == "parameters" else (),
-            )
-            for title, name in sections.items()
-        ],
-    )
+    drawn = {"parameters": pictures}
+    shown = [
+        Section(title, packaged(f"comparison_{name}.html"), context, drawn.get(name, ()))
+        for title, name in sections.items()
+    ]
+    return render_page(f"{comparison.first.label} and {comparison.second.label}", shown)

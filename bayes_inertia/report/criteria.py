@@ -209,11 +209,9 @@ def worst_rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
         "products of inertia": [name for name in known if kind_of(name) == "product of inertia"],
         **{symbol: [n for n in ns if n in known] for symbol, ns in scale_factors(summary).items()},
     }
+    size = {"products of inertia": sd_in_print}
     return {
-        label: max(
-            (known[name] for name in names),
-            key=sd_in_print if label == "products of inertia" else relative_sd,
-        )
+        label: max((known[name] for name in names), key=size.get(label, relative_sd))
         for label, names in groups.items()
         if names
     }

@@ -39,16 +39,9 @@ def history_table(history: History) -> Table:
     n = history.mean.shape[1]
     for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
         mean, sd = history.mean[:, k], history.sd[:, k]
-        both = float(np.hypot(sd[0], sd[-1]))
-        rows.append(
-            (
-                name,
-                unit_text(unit),
-                number(mean[-1], sd[-1]),
-                number(sd[-1], sd[-1]),
-                number(mean[-1] - mean[0], both),
-            )
-        )
+        change = number(mean[-1] - mean[0], float(np.hypot(sd[0], sd[-1])))
+        now = number(mean[-1], sd[-1]), number(sd[-1], sd[-1])
+        rows.append((name, unit_text(unit), *now, change))
     return Table(_OF_HISTORY, rows, "many short")
 
 
@@ -86,22 +79,11 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
     rows: list[tuple[str, ...]] = []
     n = fleet.mean.size
     for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
-        spread = fleet.spread[k]
-        interval = " to ".join(
-            number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k])
-        )
+        mean, sd, spread = fleet.mean[k], fleet.sd[k], fleet.spread[k]
+        ends = (number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k]))
         sds = (float(np.median(x[:, k])) for x in (alone_sd, fleet.craft_sd))
-        rows.append(
-            (
-                name,
-                unit_text(unit),
-                number(fleet.mean[k], fleet.sd[k]),
-                number(fleet.sd[k], fleet.sd[k]),
-                number(spread, spread),
-                interval,
-                *(number(sd, sd) for sd in sds),
-            )
-        )
+        common = number(mean, sd), number(sd, sd), number(spread, spread), " to ".join(ends)
+        rows.append((name, unit_text(unit), *common, *(number(x, x) for x in sds)))
     return Table(_OF_FLEET, rows, "many short")
 
 

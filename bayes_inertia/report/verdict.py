@@ -109,15 +109,11 @@ def _on_one_slew(rows: Mapping[str, Any]) -> list[tuple[str, list[str], list[flo
     for name, row in rows.items():
         if rests_on_one_slew(row):
             alone.setdefault(row["decisive_slew"], []).append(name)
-    told = "sd_with_it_again"
-    return [
-        (
-            slew,
-            names,
-            [100.0 * (1.0 - rows[n][told] / rows[n]["sd"]) for n in names if told in rows[n]],
-        )
-        for slew, names in alone.items()
-    ]
+    told, found = "sd_with_it_again", []
+    for slew, names in alone.items():
+        again = [rows[n] for n in names if told in rows[n]]
+        found.append((slew, names, [100.0 * (1.0 - row[told] / row["sd"]) for row in again]))
+    return found
 
 
 def rests_on_one_slew(row: Mapping[str, Any]) -> bool:

@@ -182,14 +182,8 @@ def _truth(flight: Flight, model: Model) -> np.ndarray:
 def _quantities(case: CalibrationCase, density: LogDensity, thetas: np.ndarray) -> np.ndarray:
     """`QUANTITIES` (n, 14) of each theta (n, d)."""
     base = thetas[:, :N_BASE]
-    return np.column_stack(
-        [
-            base,
-            inertia_tensor.principal_moments(base[:, :6]),
-            _correction_slews(case, base),
-            density(thetas),
-        ]
-    )
+    moments = inertia_tensor.principal_moments(base[:, :6])
+    return np.column_stack([base, moments, _correction_slews(case, base), density(thetas)])
 
 
 def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
@@ -273,9 +267,6 @@ def calibration_of(cases: Sequence[CalibrationCase], result: WorkResult) -> Cali
             for key in ("rank", "truth", "mean", "sd", "explained", "nested_rhat")
         }
         z = (table["truth"] - table["mean"]) / table["sd"]
-        parts.append(
-            CaseCalibration(
-                case.name, case.says, table["rank"], z, table["explained"], table["nested_rhat"]
-            )
-        )
+        told = z, table["explained"], table["nested_rhat"]
+        parts.append(CaseCalibration(case.name, case.says, table["rank"], *told))
     return Calibration(tuple(parts), result.failures)

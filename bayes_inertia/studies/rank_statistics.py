@@ -90,14 +90,11 @@ def probability_inside(n: int, ranked: int, width: float) -> float:
 @cache
 def ecdf_band(n: int, ranked: int, level: float) -> float:
     """Half width [standard errors] of the band that holds n uniform ranks with this probability."""
-    return float(
-        brentq(
-            lambda width: probability_inside(n, ranked, width) - level,
-            LIMITS.narrowest_band,
-            LIMITS.widest_band,
-            xtol=1e-3,
-        )
-    )
+
+    def beyond(width: float) -> float:
+        return probability_inside(n, ranked, width) - level
+
+    return float(brentq(beyond, LIMITS.narrowest_band, LIMITS.widest_band, xtol=1e-3))
 
 
 def coverage_from(inside: int, of: int, level: float) -> Coverage:

@@ -92,17 +92,8 @@ def _frame(axes: Axes, window: Mapping[str, Any], edges: np.ndarray, first: int,
     """A frame around `n` rows of the map."""
     narrowest = 0.008 * (edges[-1] - edges[0])
     begin = min(window["t_start"], edges[-1] - narrowest)
-    axes.add_patch(
-        Rectangle(
-            (begin, first - 0.42),
-            max(window["t_end"] - begin, narrowest),
-            n - 0.16,
-            fill=False,
-            ec=style.INK,
-            lw=1.3,
-            zorder=5,
-        )
-    )
+    corner, width = (begin, first - 0.42), max(window["t_end"] - begin, narrowest)
+    axes.add_patch(Rectangle(corner, width, n - 0.16, fill=False, ec=style.INK, lw=1.3, zorder=5))
 
 
 def _map_legend(figure: Figure) -> None:

@@ -13,6 +13,12 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
 _PRODUCTS_OF_INERTIA = ("Jxy", "Jxz", "Jyz")
+_COLORS = {
+    "determined": style.BLUE,
+    "partly": style.SKY,
+    "weakly": style.ORANGE,
+    "prior": style.VERMILLION,
+}
 
 
 @style.styled
@@ -59,15 +65,7 @@ def sd_panel(axes: Axes, observability: Observability) -> None:
     sd = np.array([p.sd / p.prior_sd for p in observability.parameters])
     known = np.array([p.conditional_sd / p.prior_sd for p in observability.parameters])
     low = 0.5 * min(known.min(), sd.min())
-    colors = [
-        {
-            "determined": style.BLUE,
-            "partly": style.SKY,
-            "weakly": style.ORANGE,
-            "prior": style.VERMILLION,
-        }[p.verdict]
-        for p in observability.parameters
-    ]
+    colors = [_COLORS[p.verdict] for p in observability.parameters]
     axes.barh(y, sd - low, left=low, height=0.55, color=colors)
     axes.plot(known, y, "|", color=style.INK, ms=10, mew=1.4)
     axes.axvline(1.0, color=style.MUTED, ls=(0, (4, 2)))

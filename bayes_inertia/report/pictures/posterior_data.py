@@ -112,12 +112,9 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     angle = np.full((*time.shape, 3), np.nan)
     # scipy rather than `quaternion.log`: nothing to compile.
     # Its q is body-to-inertial, so that q^-1 q_meas is in body axes too.
+    seen = Rotation.from_quat(measured[valid])
     angle[valid] = np.mean(
-        [
-            (Rotation.from_quat(q).inv() * Rotation.from_quat(measured[valid])).as_rotvec()
-            for q in draws
-        ],
-        axis=0,
+        [(Rotation.from_quat(q).inv() * seen).as_rotvec() for q in draws], axis=0
     )
     middle = 0.5 * np.nanmax(time_in_slew(posterior, "time"), 1)
     pauses = np.diff(time) / middle[:, None]
