@@ -295,13 +295,10 @@ def diagnose_and_fit(
 def next_fit(investigation: Investigation) -> NextFit:
     """Fit that an investigation wants in full."""
     diagnosis = investigation.diagnosis
-    return NextFit(
-        diagnosis.verdict,
-        fitted_effects(diagnosis),
-        diagnosis.treatment,
-        diagnosis.base.model.structure.drive,
-        diagnosis.other_rows,
-    )
+    effects = fitted_effects(diagnosis)
+    drive = diagnosis.base.model.structure.drive
+    treatment, others = diagnosis.treatment, diagnosis.other_rows
+    return NextFit(diagnosis.verdict, effects, treatment, drive, others)
 
 
 def fit_after_diagnosis(

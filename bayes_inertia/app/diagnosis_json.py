@@ -117,7 +117,9 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     """
     known = {e.name: e for e in (*STOCHASTIC, *library)}
     # Files of earlier versions state the level of the noise alone.
-    before = DirtTreatment(level=content["noise"])
+    treatment = DirtTreatment(level=content["noise"])
+    if "treatment" in content:
+        treatment = treatment_from(content["treatment"])
     fitted = tuple(
         OfDevice.of_name(row["effect"], row["settings"])
         or replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
@@ -127,13 +129,8 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     if content["verdict"] == "unknown":
         # Files of earlier versions leave free shapes out, or average over them.
         fitted, others = tuple(e for e in fitted if e in REMAINDERS) or remainders("both"), []
-    return NextFit(
-        content["verdict"],
-        fitted,
-        treatment_from(content["treatment"]) if "treatment" in content else before,
-        content["drive"],
-        tuple(_alternative_from(row) for row in others),
-    )
+    alternatives = tuple(_alternative_from(row) for row in others)
+    return NextFit(content["verdict"], fitted, treatment, content["drive"], alternatives)
 
 
 def _alternative_from(row: Mapping[str, Any]) -> AlternativeParameters:
@@ -261,7 +258,8 @@ def share_explained(step: Step) -> float:
 
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
     """Shifts of J and K from one fit to another."""
-    space, base = before.model.space, slice(before.model.n_base)
+    space = before.model.space
+    base = slice(before.model.n_base)
     return by_name(
         space.names[base],
         before=before.theta[base],

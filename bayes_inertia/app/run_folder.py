@@ -174,7 +174,8 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
 
 
 def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> Posterior:
-    copy, what = folder / "campaign", "the run's copy of the campaign was changed"
+    copy = folder / "campaign"
+    what = "the run's copy of the campaign was changed"
     require(campaign_sha256(copy) == run.campaign_sha256, str(copy), what, "start a new run")
     import_in_background([*_WANTED_LATER, *(_WANTED_BY_REPORT if report else ())])
     posterior = _posterior(folder, run, progress)
@@ -287,7 +288,8 @@ def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
     """The error of the next slew, of a result that may be used and whose campaign is at hand."""
     from bayes_inertia.app.export_run import forecast_of
 
-    copy, digest = folder / "campaign", posterior.attributes.get("campaign_sha256")
+    copy = folder / "campaign"
+    digest = posterior.attributes.get("campaign_sha256")
     told = posterior.trusted and copy.is_dir() and campaign_sha256(copy) == digest
     forecast = forecast_of(posterior, read_campaign(copy)) if told else None
     if forecast is None:

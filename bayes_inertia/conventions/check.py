@@ -416,7 +416,8 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
         return ()
     changes: list[ConventionChange] = []
     for number, remedy in enumerate(mending, 1):
-        told, keys = (remedy.before, remedy.after, number), remedy.mistake.changes
+        told = (remedy.before, remedy.after, number)
+        keys = remedy.mistake.changes
         words = remedy.mistake.words
         changes += [ConventionChange(c.key, c.stated, c.mended, *told, words) for c in keys]
     return tuple(changes)

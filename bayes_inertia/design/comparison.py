@@ -245,14 +245,7 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
     info = information_blocks(model, point, white)
     hessian, _ = normal_equations(model, point, info)
     objective = 0.5 * float(info.chi2.sum() + np.sum(local**2))
+    undiscounted = np.ones(info.n_data.shape)
     return Estimate(
-        model,
-        point,
-        white,
-        white,
-        np.ones(info.n_data.shape),
-        info,
-        hessian,
-        objective,
-        Starts(1, 1),
+        model, point, white, white, undiscounted, info, hessian, objective, Starts(1, 1)
     )

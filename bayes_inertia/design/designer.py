@@ -309,18 +309,13 @@ def next_slew(
     _require_kind("estimate", estimate, Estimate, optional=False)
     _require_kind("limits", limits, Limits)
     campaign = estimate.model.campaign
-    single, what = parse_goal(goal).kind != "separate", "is another question for a single slew"
+    single = parse_goal(goal).kind != "separate"
+    what = "is another question for a single slew"
     require(single, "goal separate", what, "use separating_slew", error=DesignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
-    return design_plan(
-        estimate,
-        goal,
-        limits,
-        base=plan_after(estimate),
-        n_slews=1,
-        seed=seed,
-    )
+    base = plan_after(estimate)
+    return design_plan(estimate, goal, limits, base=base, n_slews=1, seed=seed)
 
 
 def _judged(

@@ -169,14 +169,8 @@ def constraint_slacks(
     angle` (n,), `total time` (), `keep-out` (n + 1, cones), `reach` of a device (n,). JAX can
     differentiate all.
     """
-    used = demands(
-        motion,
-        slews.rotation_B,
-        slews.acceleration,
-        region.boresight_B,
-        region.cones_N,
-        region.reach,
-    )
+    boresight_B, cones_N, reach = region.boresight_B, region.cones_N, region.reach
+    used = demands(motion, slews.rotation_B, slews.acceleration, boresight_B, cones_N, reach)
     missed = jnp.concatenate([jnp.zeros(1), region.pointing_error * used["angle"]])[:, None]
     return {
         "wheel torque": 1.0 - used["torque"] / region.torque,

@@ -159,7 +159,8 @@ def criterion(
 
 def _smooth_largest(variances: Array) -> Array:
     """A norm close to the largest of variances (n,)."""
-    top, order = jnp.max(variances), NUMERICS.norm_order
+    top = jnp.max(variances)
+    order = NUMERICS.norm_order
     return top * jnp.sum((variances / top) ** (order // 2)) ** (2.0 / order)
 
 

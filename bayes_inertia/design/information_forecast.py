@@ -190,14 +190,9 @@ def conditions_of(
     none = dict.fromkeys(("lost_command", "lost_command_sd", "fix_group"))
     on_grid = dict.fromkeys(("time", "step", "torque"), np.zeros(0))
     context = context._replace(index=np.array(first), start=np.array(start_time), **none, **on_grid)
-    return FlightConditions(
-        context,
-        data.sensors,
-        data.scale,
-        _factors(model),
-        environment,
-        rigid_body(craft),
-    )
+    factors = _factors(model)
+    body = rigid_body(craft)
+    return FlightConditions(context, data.sensors, data.scale, factors, environment, body)
 
 
 def orbit_environment(orbit: Orbit, duration: float) -> EnvironmentTable:

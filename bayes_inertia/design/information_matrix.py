@@ -98,7 +98,8 @@ class _Slew(NamedTuple):
     def along(self, theta: Array, local: Array) -> _Along:
         """What parameters and the slew's own nuisances give along the planned motion."""
         active, context, path = self.acting(theta, local), self.context, self.path
-        J, axes = inertia_in(self.structure, theta, context), context.wheel_axes_B
+        J = inertia_in(self.structure, theta, context)
+        axes = context.wheel_axes_B
         torque = context.torque
         for effect, p in active:
             J, axes, torque = (

@@ -186,14 +186,11 @@ def _margins_of(
 ) -> tuple[Margin, ...]:
     """Margins of a motion, planned or flown, of a plan's slews."""
     hardware = hardware_limits(spacecraft)
-    used = demands(
-        motion,
-        np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews]),
-        np.array([slew.acceleration for slew in plan.slews]),
-        hardware.boresight_B,
-        np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3),
-        hardware.reach,
-    )
+    rotation_B = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
+    acceleration = np.array([slew.acceleration for slew in plan.slews])
+    cones_N = np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3)
+    boresight_B, reach = hardware.boresight_B, hardware.reach
+    used = demands(motion, rotation_B, acceleration, boresight_B, cones_N, reach)
     total = plan.starts[-1] + plan.durations[-1]
     values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
     return _margins(values, plan.attitudes, spacecraft, limits)

@@ -117,7 +117,8 @@ class PlanProblem:
         variables.
         """
         static = (self.goal, self.forecast.layout, self.groups)
-        arrays, given = self.forecast.arrays, (self.region, self.end_attitude, x)
+        arrays = self.forecast.arrays
+        given = (self.region, self.end_attitude, x)
         thetas = self.thetas[:truths]
         results = [_log_value_and_gradient(*static, arrays, theta, *given) for theta in thetas]
         gradient = np.mean([np.asarray(gradient) for _, gradient in results], axis=0)

@@ -244,7 +244,8 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     typical = max(float(np.median(information)), 1.0)
     directions = []
     for k in np.argsort(-left):
-        told, contraction = float(information[k]), float(1.0 - left[k])
+        told = float(information[k])
+        contraction = float(1.0 - left[k])
         exact = told < LIMITS.exact_below * typical and contraction < LIMITS.prior_below
         weights = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
         directions.append(Direction(weights, told, contraction, exact, in_words(names, weights)))

@@ -271,7 +271,8 @@ def result_sections(
         verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
         if hidden := diagnosis.get("could_hide"):
             bound = phrase("diagnosis", "could_hide", hidden)
-    level, rows = level_of(summary, [v.level for v in verdicts.values()]), summary["parameters"]
+    level = level_of(summary, [v.level for v in verdicts.values()])
+    rows = summary["parameters"]
     matrices = {
         "J / trace J": _tensor(ratios_told(summary), "/trace"),
         "J": _tensor(rows),

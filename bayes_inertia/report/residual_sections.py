@@ -109,7 +109,8 @@ def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
                 [rows[k] for rows, k in zip(values, kept, strict=True)]
                 for values in (series.time, series.residual)
             )
-            label, components = channel_name(name), series.components
+            label = channel_name(name)
+            components = series.components
             channels.append(ResidualChannel(label, components, series.slews, time, residual))
     return channels
 

@@ -109,7 +109,8 @@ def _on_one_slew(rows: Mapping[str, Any]) -> list[tuple[str, list[str], list[flo
     for name, row in rows.items():
         if rests_on_one_slew(row):
             alone.setdefault(row["decisive_slew"], []).append(name)
-    told, found = "sd_with_it_again", []
+    told = "sd_with_it_again"
+    found = []
     for slew, names in alone.items():
         again = [rows[n] for n in names if told in rows[n]]
         found.append((slew, names, [100.0 * (1.0 - row[told] / row["sd"]) for row in again]))

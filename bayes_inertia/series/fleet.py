@@ -134,18 +134,11 @@ def fleet_of(
     craft, craft_variance = at.crafts(told, variance)
     mean, sd = _averaged(at.center, np.diagonal(at.center_covariance, axis1=1, axis2=2))
     own_mean, own_sd = _averaged(craft, craft_variance)
-    spreads = np.quantile(np.sqrt(variance) * scale, [0.05, 0.5, 0.95], axis=0)
-    return Fleet(
-        tuple(craft.campaign for craft in crafts),
-        first.prior_mean + scale * mean,
-        scale * sd,
-        spreads[1],
-        spreads[0],
-        spreads[2],
-        first.prior_mean + scale * own_mean,
-        scale * own_sd,
-        all(craft.is_scale_untied for craft in crafts),
-    )
+    low, middle, high = np.quantile(np.sqrt(variance) * scale, [0.05, 0.5, 0.95], axis=0)
+    names = tuple(c.campaign for c in crafts)
+    untied = all(c.is_scale_untied for c in crafts)
+    center, own = first.prior_mean + scale * mean, first.prior_mean + scale * own_mean
+    return Fleet(names, center, scale * sd, middle, low, high, own, scale * own_sd, untied)
 
 
 def disagreeing(

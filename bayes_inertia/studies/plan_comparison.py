@@ -165,7 +165,8 @@ def compare_plans(
     require(known_apart, "plans", what, "give each its own name")
     mean = Mission.of(mission).at_prior_mean()
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
-    limits, contenders = limits or Limits(), list[Contender]()
+    limits = limits or Limits()
+    contenders = list[Contender]()
     if not simulated:
         for name, plan in named.items():
             as_callback(progress)("flying each once, plans", len(contenders), len(named))

@@ -54,29 +54,16 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str, 
     power, _ = sd_column([float(sd) for c in contenders for sd in c.expected[chosen]])
     for k, (contender, color) in enumerate(zip(contenders, _colors(contenders), strict=True)):
         places = x + (k - 0.5 * (len(contenders) - 1)) * width
-        axes.bar(
-            places,
-            contender.expected[chosen] / 10.0**power,
-            0.85 * width,
-            color=color,
-            alpha=0.35 if contender.achieved else 0.9,
-            label=plain(contender.name),
-        )
-        if contender.achieved:
-            sd, error = (
-                v[chosen] / 10.0**power
-                for v in (contender.achieved.sd, contender.achieved.sd_error)
-            )
-            axes.errorbar(
-                places,
-                sd,
-                2.0 * error,
-                fmt=style.MARKERS[k % 6],
-                ms=4.0,
-                color=color,
-                capsize=2.0,
-                lw=1.0,
-            )
+        achieved = contender.achieved
+        name = plain(contender.name)
+        height = contender.expected[chosen] / 10.0**power
+        alpha = 0.35 if achieved else 0.9
+        axes.bar(places, height, 0.85 * width, color=color, alpha=alpha, label=name)
+        if achieved:
+            sd, error = (x[chosen] / 10.0**power for x in (achieved.sd, achieved.sd_error))
+            mark = style.MARKERS[k % 6]
+            error = 2.0 * error
+            axes.errorbar(places, sd, error, fmt=mark, ms=4.0, color=color, capsize=2.0, lw=1.0)
     label = f"{label} [{unit_text(unit, power)}]"
     names = base_names(len(contenders[0].expected))
     axes.set(xticks=x, xticklabels=[names[i] for i in which], ylabel=label, ylim=(0.0, None))

@@ -68,15 +68,9 @@ def _map_panel(
         shift = np.array(part["shift"][s], float)
         rows_of_channel[channel] = (row, len(shift))
         edges = np.array(part["edges"][s], float)
-        axes.pcolormesh(
-            edges,
-            np.arange(row, row + len(shift) + 1) - 0.5,
-            shift,
-            cmap=_COLORS,
-            vmin=-LAYOUT.color_limit_sigma,
-            vmax=LAYOUT.color_limit_sigma,
-            rasterized=True,
-        )
+        ends = np.arange(row, row + len(shift) + 1) - 0.5
+        most = LAYOUT.color_limit_sigma
+        axes.pcolormesh(edges, ends, shift, cmap=_COLORS, vmin=-most, vmax=most, rasterized=True)
         if row:
             axes.axhline(row - 0.5, color=style.MUTED, lw=0.8)
         row += len(shift)
@@ -92,7 +86,8 @@ def _frame(axes: Axes, window: Mapping[str, Any], edges: np.ndarray, first: int,
     """A frame around `n` rows of the map."""
     narrowest = 0.008 * (edges[-1] - edges[0])
     begin = min(window["t_start"], edges[-1] - narrowest)
-    corner, width = (begin, first - 0.42), max(window["t_end"] - begin, narrowest)
+    corner = (begin, first - 0.42)
+    width = max(window["t_end"] - begin, narrowest)
     axes.add_patch(Rectangle(corner, width, n - 0.16, fill=False, ec=style.INK, lw=1.3, zorder=5))
 
 
@@ -160,17 +155,10 @@ def _bars(
         style.VERMILLION if effect in named else style.BLUE if s > limit else style.PALE
         for effect, s in zip(effects, strength, strict=True)
     ]
-    axes.barh(
-        np.arange(len(effects)),
-        strength,
-        color=colors,
-        height=0.66,
-        hatch=["////" if effect in named else "" for effect in effects],
-        edgecolor="white",
-        lw=0,
-    )
-    axes.set_yticks(np.arange(len(effects)))
-    axes.set_yticklabels([plain(effect) for effect in effects], color=style.INK)
+    y = np.arange(len(effects))
+    hatch = ["////" if effect in named else "" for effect in effects]
+    axes.barh(y, strength, color=colors, height=0.66, hatch=hatch, edgecolor="white", lw=0)
+    axes.set_yticks(y, [plain(effect) for effect in effects], color=style.INK)
 
 
 def _bayes_factors(axes: Axes, log_factors: Sequence[float], significant: np.ndarray) -> None:
@@ -192,15 +180,9 @@ def draw_misfit_by_step(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axes.axhline(1.0, color=style.MUTED, lw=0.9)
     lines = _misfit_lines(steps)
     for k, (label, values, color, marker, dash) in enumerate(lines):
-        axes.plot(
-            np.arange(len(stages)) + 0.015 * (k - 2),
-            [np.nan if value is None else value for value in values],
-            marker=marker,
-            ms=6,
-            color=color,
-            ls=dash,
-            label=label,
-        )
+        x = np.arange(len(stages)) + 0.015 * (k - 2)
+        drawn = [np.nan if value is None else value for value in values]
+        axes.plot(x, drawn, marker=marker, ms=6, color=color, ls=dash, label=label)
     known = [value for _, values, *_ in lines for value in values if value is not None]
     axes.set_yscale("log")
     axes.set_ylim(min(0.7, 0.9 * min(known)), 1.35 * max(*known, 1.5))

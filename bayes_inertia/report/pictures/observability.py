@@ -87,15 +87,10 @@ def _inflation(axes: Axes, observability: Observability) -> None:
         start = 0.0
         for k, group in enumerate(groups):
             length = max(0.0, 0.5 * np.log10(p.inflation[group]))
+            color = style.COLORS[k % 6]
+            hatch = "///" if k % 2 else None
             axes.barh(
-                y,
-                length,
-                left=start,
-                height=0.55,
-                color=style.COLORS[k % 6],
-                hatch="///" if k % 2 else None,
-                ec="white",
-                lw=0,
+                y, length, left=start, height=0.55, color=color, hatch=hatch, ec="white", lw=0
             )
             start += length
         style.note(axes, start, y, f"  ×{brief(np.sqrt(p.variance_inflation))}")
@@ -111,12 +106,10 @@ def _inflation(axes: Axes, observability: Observability) -> None:
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
         for k, g in enumerate(groups)
     ]
+    place = (-0.02, 1.0)
+    columns = min(len(groups), 4)
     axes.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(-0.02, 1.0),
-        ncols=min(len(groups), 4),
-        columnspacing=1.2,
+        handles=handles, loc="lower left", bbox_to_anchor=place, ncols=columns, columnspacing=1.2
     )
 
 

@@ -280,15 +280,8 @@ def _bar(
     marker: str | None = None,
 ) -> None:
     """Mean and sd as a bar below the density."""
-    axes.plot(
-        scale(np.array([mean - sd, mean + sd])),
-        [height] * 2,
-        color=color,
-        lw=3,
-        marker=marker,
-        ms=9,
-        solid_capstyle="butt",
-    )
+    x, y = scale(np.array([mean - sd, mean + sd])), [height] * 2
+    axes.plot(x, y, color=color, lw=3, marker=marker, ms=9, solid_capstyle="butt")
     axes.plot([scale(mean)], [height], marker="o", ms=3.2, color="white", mec=color, mew=0.9)
 
 

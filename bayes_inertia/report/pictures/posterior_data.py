@@ -119,7 +119,8 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     middle = 0.5 * np.nanmax(time_in_slew(posterior, "time"), 1)
     pauses = np.diff(time) / middle[:, None]
     steady = np.isfinite(pauses).any() and np.nanmax(pauses) < LAYOUT.longest_pause_of_fixes
-    after, sides = time > middle[:, None], _SIDES[int(steady)]
+    after = time > middle[:, None]
+    sides = _SIDES[int(steady)]
     return AttitudeMisfit(series.slews, time, angle, series.residual, after, sides)
 
 

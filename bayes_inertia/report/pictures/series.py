@@ -29,15 +29,9 @@ def draw_history(history: History, told: float) -> Figure:
         reach = LAYOUT.sds_of_90_percent * sd
         axes.fill_between(x, mean - reach, mean + reach, color=style.SKY, alpha=0.35, lw=0)
         axes.plot(x, mean, color=style.BLUE)
+        alone, sd = (history.alone[:, k] - center) / size, history.alone_sd[:, k] / size
         axes.errorbar(
-            x,
-            (history.alone[:, k] - center) / size,
-            history.alone_sd[:, k] / size,
-            fmt="o",
-            ms=3.5,
-            color=style.INK,
-            ecolor=style.MUTED,
-            elinewidth=0.8,
+            x, alone, sd, fmt="o", ms=3.5, color=style.INK, ecolor=style.MUTED, elinewidth=0.8
         )
         for jump in history.jumps:
             if jump.probability > told and k in range(len(panels))[OF_PART[jump.part]]:
@@ -67,15 +61,8 @@ def draw_fleet(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> Figure:
             (-0.15, alone, alone_sd, style.MUTED, "s"),
             (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o"),
         ):
-            axes.errorbar(
-                x + shift,
-                (values[order, k] - center) / size,
-                sds[order, k] / size,
-                fmt=marker,
-                ms=3.0,
-                color=color,
-                elinewidth=0.8,
-            )
+            value, sd = (values[order, k] - center) / size, sds[order, k] / size
+            axes.errorbar(x + shift, value, sd, fmt=marker, ms=3.0, color=color, elinewidth=0.8)
         low, high = axes.get_ylim()
         reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
         axes.set_ylim(max(low, mean - reach), min(high, mean + reach))

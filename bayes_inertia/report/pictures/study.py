@@ -34,40 +34,22 @@ def _sd_ratios(axes: Axes, names: Sequence[str], achieved: AchievedErrors) -> No
     stated = achieved.stated_sd
     x = np.arange(len(names))
     axes.axhline(1.0, color=style.MUTED, lw=0.8)
-    axes.errorbar(
-        x,
-        achieved.sd / stated,
-        2.0 * achieved.sd_error / stated,
-        fmt="o",
-        ms=4.5,
-        capsize=2.5,
-        color=style.BLUE,
-    )
+    ratio, error = achieved.sd / stated, 2.0 * achieved.sd_error / stated
+    axes.errorbar(x, ratio, error, fmt="o", ms=4.5, capsize=2.5, color=style.BLUE)
     axes.set(xticks=x, xticklabels=names, ylabel="achieved sd / stated sd")
 
 
 def _coverage(axes: Axes, names: Sequence[str], z: np.ndarray) -> None:
     level = np.linspace(0.0, 1.0, 201)
     band = np.sqrt(np.log(2.0 * len(names) / 0.05) / (2.0 * len(z)))
-    axes.fill_between(
-        100 * level,
-        -100 * np.minimum(band, level),
-        100 * np.minimum(band, 1.0 - level),
-        color=style.PALE,
-        lw=0,
-        label="95 % band of sound sds",
-    )
+    low, high = -100 * np.minimum(band, level), 100 * np.minimum(band, 1.0 - level)
+    said = "95 % band of sound sds"
+    axes.fill_between(100 * level, low, high, color=style.PALE, lw=0, label=said)
     half = stats.norm.ppf(0.5 + 0.5 * level)
     for k, name in enumerate(names):
         held = (np.abs(z[:, k, None]) < half).mean(0)
-        axes.plot(
-            100 * level,
-            100 * (held - level),
-            color=style.color(k // 3),
-            ls=("-", "--", ":")[k % 3],
-            lw=1.2,
-            label=name,
-        )
+        color, dash = style.color(k // 3), ("-", "--", ":")[k % 3]
+        axes.plot(100 * level, 100 * (held - level), color=color, ls=dash, lw=1.2, label=name)
     axes.axhline(0.0, color=style.MUTED, lw=0.8)
     axes.set(
         xlabel="level of the central interval [%]",
