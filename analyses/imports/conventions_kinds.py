@@ -12,7 +12,7 @@ out; writes `conventions_kinds.md`. Some five seconds of processor time a key.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 from time import process_time
@@ -30,6 +30,8 @@ ROWS = results_of(__file__) / "conventions_kinds.jsonl"
 CLOCK_S = 4.0  # by which a clock is made wrong, and how near to right its offset must be
 NEAR_S = 0.4
 SORTS = ("unit", "order", "sign", "frame", "clock")
+# The campaigns of a kind, described without a sensor.
+WITHOUT = {"cubesat_gyroless": ("cubesat", "gyro")}
 
 
 def _swapped(values: Sequence) -> list:
@@ -76,7 +78,7 @@ def _of_torque(name: str) -> Iterator[Wrong]:
 
 
 _CLOCK: Wrong = ("clock", "sensors.gyro.rate.offset_s", lambda _: CLOCK_S)
-WRONG: Mapping[str, Sequence[Wrong]] = {
+WRONG: dict[str, Sequence[Wrong]] = {
     "gyro_2axis": (*_of_gyro("gyro", 2), _CLOCK),
     "gyro_4skew": (*_of_gyro("gyro", 4), _CLOCK),
     "two_gyros": (
@@ -100,6 +102,7 @@ WRONG: Mapping[str, Sequence[Wrong]] = {
         ("sign of the Sun", "sensors.sun sensor.reference_N", partial(_negated, which=range(3))),
     ),
 }  # fmt: skip
+WRONG |= {kind: WRONG[of] for kind, (of, _) in WITHOUT.items()}
 
 
 def _place(document: Any, key: str) -> tuple[Any, str]:
@@ -145,8 +148,14 @@ def is_right(text: str, key: str, mended: Any) -> bool:
 def _folder(simulator: Path, kind: str, seed: int) -> tuple[tempfile.TemporaryDirectory, Path]:
     """The campaign's folder, and what keeps it."""
     kept = tempfile.TemporaryDirectory()
-    flown(simulator, kind, seed, Path(kept.name))
-    return kept, Path(kept.name) / "campaign"
+    of, sensor = WITHOUT.get(kind, (kind, ""))
+    flown(simulator, of, seed, Path(kept.name))
+    folder = Path(kept.name) / "campaign"
+    document = tomlkit.parse((folder / "campaign.toml").read_text())
+    sensors = [each for each in document.unwrap()["sensors"] if each["name"] != sensor]
+    if sensor:
+        (folder / "campaign.toml").write_text(tomlkit.dumps(document | {"sensors": sensors}))
+    return kept, folder
 
 
 def row_of(simulator: Path, kind: str, seed: int, wrong: str) -> dict:
@@ -187,7 +196,7 @@ opposite signs, either may be wrong: no data tell which."""
 
 def page(rows: list[dict]) -> str:
     """Tables of what was named and what was not."""
-    kinds = [(k, [r for r in rows if r["kind"] == k]) for k in ABOUT]
+    kinds = [(k, [r for r in rows if r["kind"] == k]) for k in (*ABOUT, *WITHOUT)]
     lines = [(kind, *_cells(those)) for kind, those in kinds if those]
     head = ("spacecraft", "right ones accused", *SORTS, "all but listed ones")
     table = table_lines((*head, "processor time [s]"), [*lines, ("all", *_cells(rows))])
@@ -240,9 +249,10 @@ def main() -> None:
     options = asked_for(__doc__, seeds=1)
     if options is None:
         return
+    others = [kind for kind, (of, _) in WITHOUT.items() if of in options.kinds]
     cases = [
         {"kind": kind, "seed": seed, "wrong": wrong}
-        for kind in options.kinds
+        for kind in (*options.kinds, *others)
         for seed in range(FIRST_SEED, FIRST_SEED + options.seeds)
         for wrong in ("", *(f"{what}, {key}" for what, key, _ in WRONG.get(kind, ())))
     ]
