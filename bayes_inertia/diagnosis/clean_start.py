@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_inertia.campaign.sensors import stream_named, streams_of
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.diagnosis.residuals import final_tests, is_explained
+from bayes_inertia.diagnosis.residuals import is_explained
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
@@ -146,7 +146,7 @@ def with_louder_noise(start: CleanStart, final: Estimate, rules: Rules) -> Clean
     Heavy tails, or noise that is louder at times: fast differences, of which the level is measured
     first, leave both out. Returns: none where residuals are no larger, or structured in time.
     """
-    tests = final_tests(final)
+    tests = final.final_tests
     channels = tuple(c for c, test in tests.items() if c != "total" and test.too_large)
     structured = any(tests[c].is_structured for c in channels)
     if start.as_stated or not channels or structured or is_explained(tests, rules):

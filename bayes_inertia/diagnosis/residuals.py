@@ -18,29 +18,10 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
-from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.maths.values import array_dataclass
-
-
-def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
-    """Test the residuals against the noise as used: stated noise times what was measured of it."""
-    scale = np.sqrt(estimate.discount)
-    tested, info = estimate.tested_residuals, estimate.information
-    series = {
-        c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
-        for i, c in enumerate(tested.series)
-    }
-    # Slews of one noise are added before they are scaled, as they always were.
-    relative = estimate.discount / estimate.discount[0]
-    chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
-    dof = info.n_data.sum(0) - tested.parameters
-    steps = rounding_steps(estimate.model.campaign)
-    largest = dict(zip(tested.series, scale.max(0), strict=True))
-    rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
-    return channel_tests(estimate.model.channels, series, chi2, dof, rounded)
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:

@@ -35,7 +35,7 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules, rules_of
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model
 from bayes_inertia.diagnosis.quoted_parameters import other_rows
 from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, candidate_kinds
-from bayes_inertia.diagnosis.residuals import final_tests, is_explained
+from bayes_inertia.diagnosis.residuals import is_explained
 from bayes_inertia.diagnosis.result import (
     AlternativeEffect,
     Candidate,
@@ -139,7 +139,7 @@ def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
             begin, final = at_measured_level(begin, fits[fixed])
         else:
             final = fit_of(table, fixed, search)
-    if not is_explained(final_tests(final), rules):
+    if not is_explained(final.final_tests, rules):
         reading = unexplained_reading(table, reading)
     steps = _steps(table, reading, final, search)
     return Weighed(table, reading, begin, final, steps, candidates, threshold)
@@ -320,7 +320,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         base=weighed.begin.base,
         final=weighed.final,
         noise=noise,
-        tests=final_tests(weighed.final),
+        tests=weighed.final.final_tests,
         rules=search.rules,
         skipped=search.effects.skipped,
         correlations=score_tests(table.first.linear).correlations,

@@ -24,7 +24,7 @@ torques change is left alone all the same, since an effect could do that where r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -36,7 +36,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.limits import LIMITS
@@ -223,9 +223,8 @@ def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: i
     """The fit with another treatment of the campaign as stated."""
     if treatment == fit.treatment:
         return fit
-    drive = stated.structure.drive
-    campaign = treated(stated.campaign, treatment, drive)
-    model = Model(campaign, stated.effects, drive, stated.noise)
+    campaign = treated(stated.campaign, treatment, stated.structure.drive)
+    model = replace(stated, campaign=campaign)
     if model.structure.hyperparameters:
         # Sizes of what has no fixed shape are learnt at length: go on where they are known.
         return CleanFit(optimizer.resumed(fit.estimate, model), treatment)
@@ -237,11 +236,9 @@ def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = 
 
     Returns: the same object if its campaign is that already.
     """
-    old = previous.model
-    if campaign is old.campaign:
+    if campaign is previous.model.campaign:
         return previous
-    model = Model(campaign, old.effects, old.structure.drive, old.noise)
-    begin = replace(previous, model=model)
+    begin = replace(previous, model=replace(previous.model, campaign=campaign))
     return optimizer.re_estimate(
         begin, previous.theta, previous.free, weak_data_first=weak_data_first
     )
@@ -265,39 +262,35 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     What an earlier, worse fit took for an outlier need not be one.
     """
     if not treatment.masked:
-        return with_masks((), outliers_in(estimate))
+        return _masks((), _outliers_in(estimate))
     drive = estimate.model.structure.drive
     whole = treated(stated, replace(treatment, masked=()), drive)
-    model = Model(whole, estimate.model.effects, drive, estimate.model.noise)
+    model = replace(estimate.model, campaign=whole)
     references = (x.data.arrays.reference for x in (model, estimate.model))
     if not all(np.array_equal(a, b) for a, b in zip(*references, strict=True)):
         # Nuisances are counted from readings that are masked.
-        return with_masks(treatment.masked, outliers_in(estimate))
+        return _masks(treatment.masked, _outliers_in(estimate))
     unmasked = replace(estimate, model=model, stated=whitening(model, estimate.theta))
-    return with_masks((), outliers_in(unmasked))
+    return _masks((), _outliers_in(unmasked))
 
 
-def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
+def _masks(old: tuple[Dirt, ...], new: Mapping[tuple[str, str], np.ndarray]) -> tuple[Dirt, ...]:
     """Masks of both, one record a channel and slew."""
-    rows: dict[tuple[str, str], set[int]] = {}
-    for mask in (*old, *new):
-        rows.setdefault((mask.channel, mask.slew), set()).update(mask.rows)
-    return tuple(
-        Dirt(
-            "outliers",
-            channel,
-            slew,
-            tuple(sorted(numbers)),
-            "masked",
-            f"{len(numbers)} row{'s' if len(numbers) > 1 else ''} far beyond the readings "
-            "before and after",
-        )
-        for (channel, slew), numbers in rows.items()
-    )
+    rows: dict[tuple[str, str], Iterable[int]] = {(d.channel, d.slew): d.rows for d in old}
+    rows |= {key: {*rows.get(key, ()), *numbers} for key, numbers in new.items()}
+    where = "far beyond the readings before and after"
+    return tuple(_outliers(*key, numbers, "masked", where) for key, numbers in rows.items())
 
 
-def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
-    """Outliers among an estimate's residuals.
+def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, where: str) -> Dirt:
+    """The record of outliers of one channel in one slew."""
+    numbers = tuple(sorted(map(int, rows)))
+    note = f"{len(numbers)} row{'s' if len(numbers) > 1 else ''} {where}"
+    return Dirt("outliers", channel, slew, numbers, treated, note)
+
+
+def _outliers_in(estimate: Estimate) -> dict[tuple[str, str], np.ndarray]:
+    """Rows of outliers among an estimate's residuals, by channel and slew.
 
     `estimate`: A fit; what its campaign masks already is not looked at.
     """
@@ -312,13 +305,13 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
             flags = away_from_switches(slews, flags)
             hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
     noise = model.noise
-    return tuple(
-        Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
+    return {
+        (channel, slew.name): rows
         for channel, of_slews in hit.items()
         if not noise.of(channel).heavy
         for slew, rows in zip(slews, of_slews, strict=True)
         if len(rows)
-    )
+    }
 
 
 def noise_factors(estimate: Estimate) -> dict[str, float]:
@@ -576,9 +569,8 @@ def with_modelled_outliers(estimate: Estimate) -> Estimate:
             given = channel.readings(campaign, slew).row
             rows = given[(np.abs(np.nan_to_num(z[: len(given)])) > limit).any(axis=1)]
             if len(rows):
-                note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in {title} noise"
-                listed = tuple(int(row) for row in rows)
-                records.append(Dirt("outliers", channel.name, slew.name, listed, "modelled", note))
+                where = f"in {title} noise"
+                records.append(_outliers(channel.name, slew.name, rows, "modelled", where))
     if not records:
         return estimate
     campaign = replace(campaign, dirt=(*campaign.dirt, *records))

@@ -220,9 +220,24 @@ class Estimate:
 
         Where the noise is not as stated, residuals are judged by their own distribution.
         """
-        model, tested = self.model, self.tested_residuals
+        return self._tests_at(np.ones_like(self.discount))
+
+    @cached_property
+    def final_tests(self) -> dict[str, ChannelTest]:
+        """The same against the noise as used: stated noise times what was measured of it."""
+        return self._tests_at(self.discount)
+
+    def _tests_at(self, discount: np.ndarray) -> dict[str, ChannelTest]:
+        """Tests against stated noise whose information has these factors (slews, channels)."""
+        model, tested, root = self.model, self.tested_residuals, np.sqrt(discount)
+        series = {
+            c: [s * x for s, x in zip(root[:, i], own, strict=True)]
+            for i, (c, own) in enumerate(tested.series.items())
+        }
         numbers = self.information.n_data.sum(0)
-        series, chi2, dof = dict(tested.series), tested.chi2.sum(0), numbers - tested.parameters
+        # Slews of one noise are added before they are scaled, as they always were.
+        chi2 = (tested.chi2 * (discount / discount[0])).sum(0) * root[0] ** 2
+        dof, largest = numbers - tested.parameters, dict(zip(series, root.max(0), strict=True))
         noises, densities = [model.noise.of(c.name) for c in model.channels], densities_of(model)
         for c, (name, own) in enumerate(zip(series, densities, strict=True)):
             if not noises[c].is_stated:
@@ -232,7 +247,8 @@ class Estimate:
         # Errors of coarse rounding are not white. Where the noise of a rounded channel is not as
         # stated, whiteness is the last test left: it is kept.
         steps = rounding_steps(model.campaign)
-        rounded = [c for c, s in steps.items() if has_one_error(s) and model.noise.of(c).is_stated]
+        stated = (c for c in steps if model.noise.of(c).is_stated)
+        rounded = [c for c in stated if has_one_error(largest[c] * steps[c])]
         tests = channel_tests(model.channels, series, chi2, dof, rounded)
         for name, noise, own in zip(series, noises, densities, strict=True):
             if noise.scale_sampled:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.limits import Rules
-from bayes_inertia.diagnosis.residuals import final_tests, is_explained
+from bayes_inertia.diagnosis.residuals import is_explained
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.residual_tests import chi2_test, whiteness
 from bayes_inertia.physics.forward_model import Model
@@ -19,7 +19,7 @@ def test_each_slew_is_tested_against_its_own_noise(flown):
     discount = np.array([[1.0, 1.0, 1.0], [0.25, 1.0, 1.0], [1.0, 1.0, 4.0]])
     chi2 = fitted.information.chi2
     louder = replace(fitted, discount=discount)
-    tests = final_tests(louder)
+    tests = louder.final_tests
     dof = fitted.information.n_data.sum(0) - louder.tested_residuals.parameters
     for i, channel in enumerate(("rate", "attitude", "momentum")):
         assert tests[channel].reduced_chi2 == pytest.approx(chi2[:, i].sum() / dof[i])
