@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.likelihood import Information, Residuals
+from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import (
@@ -408,7 +408,12 @@ def marginal(estimate: Estimate) -> Marginal:
     ridge[:, estimate.free] = -solve(nuisance, estimate.hessian[free:, :free])
     of_slews = ridge[b:].reshape(*point.local.shape, d)
     jacobian = estimate.linearised().sensitivities.jacobian
-    columns = tuple(on_device(j[..., d:]) for j in jacobian)
+    columns, part = tuple(on_device(j[..., d:]) for j in jacobian), None
+    if model.structure.hyperparameters:
+        information = sum(np.swapaxes(j, 1, 2) @ j for j in map(np.asarray, columns))
+        roots = prior_roots(model.structure, estimate.theta, model.data.contexts)
+        back = tuple(on_device(np.linalg.inv(root)) for root in roots)
+        part = CoefficientPart(on_device(information), back)
     return Marginal(
         ridge=jax.tree.map(on_device, Ridge(point, ridge[:b], of_slews)),
         columns=columns,
@@ -416,19 +421,8 @@ def marginal(estimate: Estimate) -> Marginal:
         prior=model.space.constants(),
         data=model.data,
         white=estimate.white,
-        coefficients=_coefficients(estimate, columns) if model.structure.hyperparameters else None,
+        coefficients=part,
     )
-
-
-def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
-    """What the integral over coefficients needs whose prior is sampled."""
-    model = estimate.model
-    contexts = model.data.contexts
-    roots = prior_roots(model.structure, estimate.theta, contexts)
-    each = (np.asarray(channel) for channel in columns)
-    information = sum(np.swapaxes(j, 1, 2) @ j for j in each)
-    inverse = tuple(on_device(np.linalg.inv(root)) for root in roots)
-    return CoefficientPart(on_device(information), inverse)
 
 
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:

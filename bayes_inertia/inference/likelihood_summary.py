@@ -114,14 +114,12 @@ def summary_of(
     >>> told.mean.round(6)[0], told.precision.round(6)[0, 0]
     (np.float64(1.0), np.float64(1.0))
     """
+    # In units in which the prior is white.
+    correlation = np.eye(len(mean)) if prior_correlation is None else prior_correlation
+    root = np.linalg.cholesky(correlation)
     scaled = covariance / np.outer(prior_sd, prior_sd)
-    distance = (mean - prior_mean) / prior_sd
-    root = None
-    if prior_correlation is not None:
-        # In units in which the prior is white.
-        root = np.linalg.cholesky(prior_correlation)
-        scaled = np.linalg.solve(root, np.linalg.solve(root, scaled).T)
-        distance = np.linalg.solve(root, distance)
+    scaled = np.linalg.solve(root, np.linalg.solve(root, scaled).T)
+    distance = np.linalg.solve(root, (mean - prior_mean) / prior_sd)
     powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
     # The prior's precision is one in these units.
     told = 1.0 / powers - 1.0
@@ -129,11 +127,9 @@ def summary_of(
     along = directions.T @ distance
     shift = directions @ (np.where(told > 0.0, along / np.maximum(powers * told, 1e-300), 0.0))
     precision = (directions * told) @ directions.T
-    if root is not None:
-        shift = root @ shift
-        precision = np.linalg.solve(root.T, np.linalg.solve(root.T, precision).T)
-    precision = precision / np.outer(prior_sd, prior_sd)
-    at = prior_mean + prior_sd * shift
+    precision = np.linalg.solve(root.T, np.linalg.solve(root.T, precision).T).T
+    precision /= np.outer(prior_sd, prior_sd)
+    at = prior_mean + prior_sd * (root @ shift)
     return LikelihoodSummary(campaign, at, precision, prior_mean, prior_sd, prior_correlation)
 
 

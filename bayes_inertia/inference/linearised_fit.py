@@ -201,10 +201,8 @@ class LinearisedFit:
     @property
     def shared(self) -> np.ndarray:
         """Columns (slews, numbers, n_shared) of the fitted parameters and the bias."""
-        # Straight from the rows, not from `columns`: in that memory layout sums round as before.
-        d = self.model.space.size
-        bias = np.arange(d, d + len(self.point.bias))
-        return self.rows.jacobian[..., np.concatenate([self.free, bias])]
+        # Not from `columns`: in this memory layout sums round as before.
+        return self._columns_to_project[..., : self.n_shared]
 
     @property
     def local(self) -> np.ndarray:
@@ -218,21 +216,19 @@ class LinearisedFit:
         The optimizer may have stopped short of it, at the end of a long narrow valley. One more
         step to first order is taken.
         """
-        residual = self.residual.copy()
-        step = -self.covariance @ self.normal_equations()[1]
-        for s, columns in enumerate(self.columns):
-            residual[s] += columns @ step[self.index(s)]
-        return residual
+        return self._fitted_again(self.residual, self.normal_equations()[1])
 
     def unfitted(self, signal: np.ndarray) -> np.ndarray:
         """What a signal leaves in the residuals once everything is fitted again, to first order.
 
         `signal` (slews, numbers). Returns (slews, numbers).
         """
-        answer = self.covariance @ self._pulled(np.zeros(len(self.covariance)), signal)
-        return np.stack(
-            [change - self.columns[s] @ answer[self.index(s)] for s, change in enumerate(signal)]
-        )
+        return self._fitted_again(signal, self._pulled(np.zeros(len(self.covariance)), signal))
+
+    def _fitted_again(self, data: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """What is left of data (slews, numbers, ...) after the step that a gradient asks for."""
+        step = self.covariance @ gradient
+        return np.stack([x - self.columns[s] @ step[self.index(s)] for s, x in enumerate(data)])
 
     def replicates(self, rng: np.random.Generator, n: int, noise: np.ndarray) -> np.ndarray:
         """Residuals that fits of a perfect model would leave.
@@ -241,10 +237,7 @@ class LinearisedFit:
         standard deviation of the noise in units of the noise as used. Returns (slews, numbers, n).
         """
         e = rng.standard_normal((*self.residual.shape, n)) * (noise * self.valid)[..., None]
-        answer = self.covariance @ self.simulated_gradient(rng, e)
-        for s in range(len(e)):
-            e[s] -= self.columns[s] @ answer[self.index(s)]
-        return e
+        return self._fitted_again(e, self.simulated_gradient(rng, e))
 
     def simulated_gradient(self, rng: np.random.Generator, data: np.ndarray) -> np.ndarray:
         """Gradient from which a fit of simulated data begins, true values drawn from their priors.
@@ -303,15 +296,6 @@ class LinearisedFit:
             total[self.index(s)] += fitted.T @ change
         return self.inverse_root @ total
 
-    def projected_gradient(self, columns: np.ndarray, imitated: np.ndarray) -> np.ndarray:
-        """Gradient of the fit towards amplitudes of columns that are not fitted.
-
-        `imitated` (unknowns, k). `columns` (slews, numbers, k): changes of the whitened residuals
-        by what is not fitted. Returns (k,).
-        """
-        along = np.einsum("snk,sn->k", columns, self.residual)
-        return -(along - imitated.T @ self.whitened_gradient)
-
     def projected(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations of amplitudes that are not fitted, everything fitted projected off.
 
@@ -320,7 +304,9 @@ class LinearisedFit:
         """
         imitated = self.imitated(columns)
         whole = np.einsum("snj,snk->jk", columns, columns, optimize=True)
-        return whole - imitated.T @ imitated, self.projected_gradient(columns, imitated)
+        along = np.einsum("snk,sn->k", columns, self.residual)
+        gradient = -(along - imitated.T @ self.whitened_gradient)
+        return whole - imitated.T @ imitated, gradient
 
     @property
     def valid(self) -> np.ndarray:

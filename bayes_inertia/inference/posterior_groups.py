@@ -21,7 +21,7 @@ from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.objective import normal_prior
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import (
-    drawn_nuisances,
+    drawn_points,
     predicted_telemetry,
     slew_log_likelihood,
     thinned_draws,
@@ -323,18 +323,16 @@ def stochastic_signals(
     effects = drawable(estimate)
     if not effects:
         return {}
-    model, point_of = estimate.model, drawn_nuisances(estimate)
-    thetas = thinned_draws(chains, rng)
-    numbers = estimate.point.bias.size + estimate.point.local.size
+    model, thetas = estimate.model, thinned_draws(chains, rng)
     # Effects count from a slew's first row.
     times = signal_times(estimate) - np.array([[s.time[0]] for s in model.campaign.slews])
     each = [of_slew(k, (model.data.contexts, times)) for k in range(model.n_slews)]
     names = tuple(effect.name for effect in effects)
     drawn = []
-    for theta in thetas:
-        local = point_of(theta, rng.standard_normal(numbers)).local
+    for point in drawn_points(estimate, thetas, rng):
+        local = np.asarray(point.local)
         parts = [
-            _signals(model.structure, names, theta, of_slew(k, np.asarray(local)), *inputs)
+            _signals(model.structure, names, point.theta, of_slew(k, local), *inputs)
             for k, inputs in enumerate(each)
         ]
         drawn.append([np.concatenate(signal) for signal in zip(*parts, strict=True)])

@@ -11,7 +11,7 @@ was sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -83,10 +83,8 @@ def _residuals_of_draws(
     estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
 ) -> Iterator[tuple[Residuals, Residuals]]:
     """Whitened residuals of each theta, and those where noise has no memory; nuisances drawn."""
-    point_of, structure = drawn_nuisances(estimate), estimate.model.structure
-    normal_numbers = estimate.point.bias.size + estimate.point.local.size
-    for theta in thetas:
-        point = point_of(theta, rng.standard_normal(normal_numbers))
+    structure = estimate.model.structure
+    for point in drawn_points(estimate, thetas, rng):
         new = gaps = residuals(structure, point, estimate.model.data, estimate.stated)
         # Correlated noise: what was measured differs from predictions by more than what is new.
         if any(each.memory is not None for each in estimate.stated):
@@ -95,14 +93,17 @@ def _residuals_of_draws(
         yield new, gaps
 
 
-def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
-    """How nuisances are drawn given theta.
-
-    Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
-    """
+def drawn_points(
+    estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
+) -> Iterator[Point]:
+    """Each theta (n, d) with nuisances drawn from their posterior given it."""
     if not estimate.model.noise.is_stated:
-        return conditional_point_with_densities(estimate)
-    return partial(conditional_point, estimate.model.structure, marginal(estimate))
+        point_of = conditional_point_with_densities(estimate)
+    else:
+        point_of = partial(conditional_point, estimate.model.structure, marginal(estimate))
+    numbers = estimate.point.bias.size + estimate.point.local.size
+    for theta in thetas:
+        yield point_of(theta, rng.standard_normal(numbers))
 
 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:

@@ -17,6 +17,7 @@ from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named, stre
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt, DirtKind
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
+from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.slew_input import Drive
 
 _SENSORS = {stream.name: stream.sensor for stream in STREAMS}
@@ -102,14 +103,7 @@ class DirtTreatment:
             channel: {"axes": [axis._asdict() for axis in each.axes], "spacing": each.spacing}
             for channel, each in self.colour.items()
         }
-        masked = [dirt.json() for dirt in self.masked]
-        return {
-            "masked": masked,
-            "level": dict(self.level),
-            "colour": colour,
-            "rounded": list(self.rounded),
-            "by_residuals": list(self.by_residuals),
-        }
+        return json_ready(self) | {"colour": colour}
 
 
 def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:

@@ -48,6 +48,7 @@ def linear_fit(width=1.0):
     made.replicates = MethodType(LinearisedFit.replicates, made)
     made.simulated_gradient = MethodType(LinearisedFit.simulated_gradient, made)
     made._pulled = MethodType(LinearisedFit._pulled, made)
+    made._fitted_again = MethodType(LinearisedFit._fitted_again, made)
     return made
 
 
