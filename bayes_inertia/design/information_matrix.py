@@ -40,7 +40,7 @@ from bayes_inertia.design.information_forecast import (
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.planned_motion import PlanTimes, SlewArrays, motion_of_slews
-from bayes_inertia.inference.noise_filter import filter_of, in_states, innovations
+from bayes_inertia.inference.noise_model import filter_of, in_states, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel

@@ -20,7 +20,7 @@ from jax import Array
 
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import of_all_slews, of_slew
-from bayes_inertia.inference.noise_filter import innovations
+from bayes_inertia.inference.noise_model import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.kept_programs import KeptProgram

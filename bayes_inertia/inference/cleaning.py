@@ -44,17 +44,15 @@ from bayes_inertia.inference.noise_colour import (
     Colour,
     bursts_of,
     colour_of,
-    is_alike_everywhere,
-    white_factor,
-)
-from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.rounding import (
     factor_of_rounding,
     has_one_error,
+    is_alike_everywhere,
     is_coarse,
     level_of_rounded,
     rounding_steps,
+    white_factor,
 )
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model

@@ -25,11 +25,7 @@ from scipy import integrate, optimize
 
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.hyperparameters import (
-    Evidence,
-    most_probable,
-    without_hyperparameters,
-)
+from bayes_inertia.inference.hyperparameters import Evidence, most_probable, without_hyperparameters
 from bayes_inertia.inference.likelihood import information_blocks, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, discounted, n_data, whitening

@@ -39,8 +39,10 @@ from bayes_inertia.inference.marginal_posterior import (
     root_change,
     times,
 )
-from bayes_inertia.inference.noise_filter import (
+from bayes_inertia.inference.noise_model import (
     ChannelProcess,
+    Whitening,
+    Whitenings,
     coefficients_of,
     estimated_noise,
     filter_of,
@@ -51,7 +53,6 @@ from bayes_inertia.inference.noise_filter import (
     rows_of,
     wandering_noise,
 )
-from bayes_inertia.inference.noise_model import Whitening, Whitenings
 from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import (

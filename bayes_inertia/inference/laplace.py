@@ -14,14 +14,15 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.marginal_posterior import (
-    CoefficientPart,
-    Marginal,
-    Ridge,
-    prior_roots,
+from bayes_inertia.inference.marginal_posterior import CoefficientPart, Marginal, Ridge, prior_roots
+from bayes_inertia.inference.noise_colour import has_one_error, rounding_steps
+from bayes_inertia.inference.noise_model import (
+    Whitenings,
+    coefficients_of,
+    densities_of,
+    estimated_noise,
+    with_memory,
 )
-from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise
-from bayes_inertia.inference.noise_model import Whitenings, densities_of, with_memory
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
@@ -32,7 +33,6 @@ from bayes_inertia.inference.residual_tests import (
     residual_series,
     scale_test,
 )
-from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device

@@ -21,8 +21,14 @@ from jax.flatten_util import ravel_pytree
 
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import compiled_innovations
-from bayes_inertia.inference.noise_model import Pull, Whitening, Whitenings, n_data, without_memory
+from bayes_inertia.inference.noise_model import (
+    Pull,
+    Whitening,
+    Whitenings,
+    compiled_innovations,
+    n_data,
+    without_memory,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled, on_device
 from bayes_inertia.maths.kept_programs import KeptProgram

@@ -25,11 +25,7 @@ from bayes_inertia.inference.likelihood import (
     unpadded_sensitivities,
 )
 from bayes_inertia.inference.noise_model import Whitenings, densities_of
-from bayes_inertia.inference.objective import (
-    block_index,
-    normal_equations,
-    prior_equations,
-)
+from bayes_inertia.inference.objective import block_index, normal_equations, prior_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import SlewShares, eliminated
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root

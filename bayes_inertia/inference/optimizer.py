@@ -23,12 +23,12 @@ from bayes_inertia.inference.hyperparameters import information_with_learnt, wit
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import (
     Densities,
     Whitenings,
     densities_of,
     discounted,
+    estimated_noise,
     is_alike,
     n_data,
     of_densities,

@@ -22,9 +22,9 @@ from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_filter import correlated_noise
 from bayes_inertia.inference.noise_model import (
     ChannelDensity,
+    correlated_noise,
     densities_of,
     log_norms,
     without_memory,

@@ -27,20 +27,11 @@ from threadpoolctl import threadpool_limits
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import make_folder, remove_leftovers
 from bayes_inertia.inference.density_marginal import log_density_with_densities
-from bayes_inertia.inference.gates import (
-    Diagnostics,
-    autocorrelation_time,
-    diagnose_chains,
-)
+from bayes_inertia.inference.gates import Diagnostics, autocorrelation_time, diagnose_chains
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
-from bayes_inertia.inference.proposal import (
-    Proposal,
-    find_proposal,
-    finite_starts,
-    walkers_needed,
-)
+from bayes_inertia.inference.proposal import Proposal, find_proposal, finite_starts, walkers_needed
 from bayes_inertia.inference.settings import Settings, require_settings, usual_settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.progress import Progress

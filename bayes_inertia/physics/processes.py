@@ -3,7 +3,7 @@
 One state each: correlated noise that was measured, what a campaign states of a gyro's bias (a
 random walk, RRW; a Gauss-Markov process that stands for its instability, BI), what an effect adds
 to readings, all of it or what it does between knots. One filter whitens their sum
-(`inference.noise_filter`). Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+(`inference.noise_model`). Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
 """
 
 from __future__ import annotations

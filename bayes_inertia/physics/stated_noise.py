@@ -1,6 +1,6 @@
 """Noise that wanders and whose size the campaign states.
 
-What the gyro's bias does is filtered out of the readings (`inference.noise_filter`). The star
+What the gyro's bias does is filtered out of the readings (`inference.noise_model`). The star
 tracker's low-frequency error is an effect with nothing to estimate.
 """
 

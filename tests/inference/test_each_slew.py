@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_filter
+from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_model
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_density_of
@@ -39,7 +39,7 @@ def unpadded(monkeypatch):
     """Every axis in its own size."""
 
     def pad_nothing():
-        for module in (packing, marginal_posterior, hyperparameters, noise_filter, device_arrays):
+        for module in (packing, marginal_posterior, hyperparameters, noise_model, device_arrays):
             monkeypatch.setattr(module, "padded_size", lambda n, *_, **__: n)
 
     return pad_nothing

@@ -11,8 +11,7 @@ import pytest
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.hyperparameters import Evidence, curvature_of, most_probable
-from bayes_inertia.inference.noise_filter import estimated_noise
-from bayes_inertia.inference.noise_model import whitening
+from bayes_inertia.inference.noise_model import estimated_noise, whitening
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.proposal import explored_sizes
 from bayes_inertia.physics.effects import (

@@ -12,7 +12,7 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import plain_series
-from bayes_inertia.inference.noise_filter import (
+from bayes_inertia.inference.noise_model import (
     correlated_noise,
     innovations,
     noise_memory,

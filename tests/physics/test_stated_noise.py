@@ -12,7 +12,7 @@ from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.noise_filter import noise_memory
+from bayes_inertia.inference.noise_model import noise_memory
 from bayes_inertia.physics.effects import (
     RateBiasInstability,
     RateRandomWalk,
