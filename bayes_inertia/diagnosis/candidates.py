@@ -28,7 +28,7 @@ from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_respo
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.optimizer import re_estimate, without_effect
+from bayes_inertia.inference.optimizer import re_estimate, without_effects
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode, candidates_in
@@ -161,7 +161,7 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
     first = space.slice_of(mode.name).start if mode is not None else None
     if mode is None or first not in estimate.free:
         return estimate
-    without = without_effect(estimate, mode.name)
+    without = without_effects(estimate, {mode.name})
     best = best_flexible_mode(
         mode.name, torque_response(without), without.linearised(), float(space.sd[first] ** 2)
     )

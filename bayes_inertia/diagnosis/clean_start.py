@@ -108,15 +108,9 @@ def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
         else:
             measured[channel] = level_of_rounded(measured[channel], steps[channel])
     for channel in treatment.by_residuals:
-        measured[channel] = max(measured[channel], _level_of_residuals(estimate, channel))
+        of_residuals = float(np.sqrt(estimate.tests[channel].reduced_chi2 or 1.0))
+        measured[channel] = max(1.0, measured[channel], of_residuals)
     return measured
-
-
-def _level_of_residuals(estimate: Estimate, channel: str) -> float:
-    """What a channel's noise is multiplied by, of all its residuals."""
-    place, tested = estimate.model.structure.place(channel), estimate.tested_residuals
-    numbers = estimate.information.n_data[:, place].sum() - tested.parameters[place]
-    return max(1.0, float(np.sqrt(tested.chi2[:, place].sum() / numbers)))
 
 
 def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | None:

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -172,19 +171,12 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     return found
 
 
-class Forms(NamedTuple):
-    """What a random effect may look like.
-
-    `roots`: of unit size; `shapes` [prior sd] and `log_odds` of each.
-    """
-
-    roots: list[np.ndarray]
-    shapes: np.ndarray
-    log_odds: np.ndarray
-
-
-def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRoots]) -> Forms:
+def forms_of(
+    effect: StochasticEffect, model: Model, roots: Sequence[CandidateRoots]
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """All forms that an effect may have; `roots` are its own at each of `LIMITS.shapes`.
+
+    Returns: roots of unit size; shapes [prior sd] and log odds of each.
 
     What goes on between slews, such as a gyro's bias, may last longer than a slew, and may begin
     anew in each, where it was measured before: a stationary process is the neighbour of a walk. An
@@ -200,11 +192,11 @@ def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRo
     other = "anew" if lasts else "repeated" if of_each else ""
     forms = [own.best for own in roots[: len(shapes)]]
     if not other:
-        return Forms(forms, shapes, odds)
+        return forms, shapes, odds
     long = shapes >= (min(LIMITS.longest_in_slew, shapes[-1]) if lasts else shapes[0])
     forms += [getattr(own, other) for own, kept in zip(roots, long, strict=False) if kept]
     more = odds[long] + logsumexp(odds) - logsumexp(odds[long])
-    return Forms(forms, np.append(shapes, shapes[long]), np.append(odds, more))
+    return forms, np.append(shapes, shapes[long]), np.append(odds, more)
 
 
 def random_members(
@@ -243,8 +235,7 @@ def random_members(
             # Numbers in the bases of all forms of all effects, were they all like this one.
             numbers = len(both) * len(own) * signal.gradient.size**2
             kept = len(linear.held) == 0 and numbers <= LIMITS.largest_matrices
-            own_forms = forms_of(effect, model, own)
-            members.append(_random(effect, model, signal, own_forms, largest, kept=kept))
+            members.append(_random(effect, model, signal, own, largest, kept=kept))
         if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
             unnamed[source] = _free(signal, own, largest)
     for source, forms in (_driven(linear, response) if nameless and driven else {}).items():
@@ -260,21 +251,22 @@ def _random(
     effect: StochasticEffect,
     model: Model,
     signal: ProjectedSignal,
-    own: Forms,
+    own: Sequence[CandidateRoots],
     largest: float,
     *,
     kept: bool,
 ) -> RandomMember:
     """A random effect; `kept`: whether bases are, from which campaigns are simulated."""
-    forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
+    roots, shapes, odds = forms_of(effect, model, own)
+    forms = [_signal(signal, root, largest, kept=kept) for root in roots]
     n = signal.gradient.size
     matrix = signal.matrix.reshape(n, n) if kept else None
     starts = [
         parameters_at(model, effect, size, shape)
-        for form, shape in zip(forms, own.shapes, strict=True)
+        for form, shape in zip(forms, shapes, strict=True)
         for size in form.sizes
     ]
-    return RandomMember(effect.name, forms, own.log_odds, np.array(starts), matrix)
+    return RandomMember(effect.name, forms, odds, np.array(starts), matrix)
 
 
 def _free(

@@ -64,11 +64,10 @@ from bayes_inertia.diagnosis.table_search import (
     unexplained_reading,
     with_evidence,
     with_stochastic,
-    without_effects,
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate, model_of
-from bayes_inertia.inference.optimizer import move_to
+from bayes_inertia.inference.optimizer import move_to, without_effects
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
@@ -93,8 +92,6 @@ class Weighed:
         The noise and the fit without effects.
     final : Estimate
         The fit of the best row.
-    steps : tuple of Step
-        From the fit without effects to it.
     candidates : tuple of Candidate
         All candidates at the fit without effects, best evidence first.
     threshold : float
@@ -105,7 +102,6 @@ class Weighed:
     reading: Reading
     begin: CleanStart
     final: Estimate
-    steps: tuple[Step, ...]
     candidates: tuple[Candidate, ...]
     threshold: float
 
@@ -141,8 +137,7 @@ def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
             final = fit_of(table, fixed, search)
     if not is_explained(final.final_tests, rules):
         reading = unexplained_reading(table, reading)
-    steps = _steps(table, reading, final, search)
-    return Weighed(table, reading, begin, final, steps, candidates, threshold)
+    return Weighed(table, reading, begin, final, candidates, threshold)
 
 
 def _alternatives(
@@ -194,11 +189,12 @@ def _with_random(
     first, own = table.first, frozenset([effect.name])
     start = next(m.likely_start for m in first.random if m.name == effect.name)
     whole = with_stochastic(before, effect, start)
-    fits = {fixed: whole}
+    fits, stop = {fixed: whole}, LIMITS.comparison_tolerance
+    theta = move_to(first.estimate, whole.model).theta.copy()
+    theta[whole.model.space.slice_of(effect.name)] = start
     for kept in {frozenset[str](), *(fixed - {name} for name in fixed)} - {fixed}:
         if kept | own in table.log_evidence:
-            known = {effect.name: start}
-            fits[kept] = without_effects(whole, fixed - kept, first.estimate, known)
+            fits[kept] = without_effects(whole, fixed - kept, theta, tolerance=stop)
     evidence = {kept: log_evidence_of_fit(fit) for kept, fit in fits.items()}
     offset = table.log_evidence[fixed | own] - evidence[fixed]
     gained = {k: offset + e - table.log_evidence[k | own] for k, e in evidence.items()}
@@ -310,13 +306,14 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
     odds = dict(zip(evidence, softmax([*evidence.values()]).tolist(), strict=True))
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
-    added = tuple(step.added for step in weighed.steps)
+    steps = _steps(table, reading, weighed.final, search)
+    added = tuple(step.added for step in steps)
     told = reading._replace(named=() if reading.verdict == "unknown" else added)
     return Diagnosis(
         **told._asdict(),
         candidates=weighed.candidates,
         threshold=weighed.threshold,
-        steps=weighed.steps,
+        steps=steps,
         base=weighed.begin.base,
         final=weighed.final,
         noise=noise,

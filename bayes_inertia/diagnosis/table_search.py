@@ -8,7 +8,7 @@ it. Of the probabilities is read what is named, what could be it as well, and ho
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -63,22 +63,6 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: np.ndarra
     free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
     with compiled_meanwhile(model, begin.point):
         return re_estimate(begin, theta, free, tolerance=LIMITS.comparison_tolerance)
-
-
-def without_effects(
-    fitted: Estimate, names: Collection[str], before: Estimate, start: Mapping[str, np.ndarray]
-) -> Estimate:
-    """Fit again with some effects held at their null, in the same model.
-
-    Nothing is compiled anew for it. Campaign and noise stay those of the fit with all effects.
-
-    `start`: by the names of effects that `before` does not know, their parameters to begin from.
-    """
-    space, theta = fitted.model.space, move_to(before, fitted.model).theta.copy()
-    for name, values in start.items():
-        theta[space.slice_of(name)] = values
-    free = np.array([i for i in fitted.free if space.names[i].split(".")[0] not in names])
-    return re_estimate(fitted, theta, free, tolerance=LIMITS.comparison_tolerance)
 
 
 SHAPELESS = frozenset(NAMELESS.values())

@@ -13,7 +13,9 @@ Which ends of the optimizer's gentle descents are worth following.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -174,13 +176,17 @@ def re_estimate(
     return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
 
-def without_effect(previous: Estimate, name: str) -> Estimate:
-    """The estimate repeated with an effect held at its null."""
-    space, theta = previous.model.space, previous.theta.copy()
-    part = space.slice_of(name)
-    theta[part] = space.nulls[part]
-    others = (previous.free < part.start) | (previous.free >= part.stop)
-    return re_estimate(previous, theta, previous.free[others])
+def without_effects(
+    previous: Estimate, names: Collection[str], theta: np.ndarray | None = None, **stop: Any
+) -> Estimate:
+    """The estimate repeated with some effects held at their null: nothing is compiled anew.
+
+    `theta` (d,): where to begin, with them as they are held; by default where the estimate stands.
+    """
+    space = previous.model.space
+    held = np.array([name.split(".")[0] in names for name in space.names])
+    theta = np.where(held, space.nulls, previous.theta) if theta is None else theta
+    return re_estimate(previous, theta, previous.free[~held[previous.free]], **stop)
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:

@@ -18,7 +18,7 @@ from bayes_inertia.diagnosis.random_signals import (
     usable,
 )
 from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
-from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
+from bayes_inertia.diagnosis.table_search import with_stochastic
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.likelihood import padded_sensitivities
@@ -236,7 +236,7 @@ def test_a_fit_without_an_effect_is_that_of_a_model_without_it(plain):
     both = optimizer.re_estimate(begin, theta, np.arange(len(theta)))
     expected = with_stochastic(plain, walk, start)
     compiled = set(IN_MEMORY.held())
-    fitted = without_effects(both, {"constant_torque"}, plain, {walk.name: start})
+    fitted = optimizer.without_effects(both, {"constant_torque"}, theta, tolerance=1e-5)
     assert set(IN_MEMORY.held()) == compiled
     assert fitted.model is both.model
     assert [e.name for e in fitted.effects_fitted] == [walk.name]
