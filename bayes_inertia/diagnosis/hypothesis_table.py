@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, log_ndtr, logsumexp
@@ -389,19 +389,11 @@ def log_evidence_with(given: Given, member: FixedMember) -> float:
 
 
 def fixed_member(
-    name: str,
-    index: np.ndarray,
-    shape: np.ndarray,
-    matrix: np.ndarray,
-    *,
-    one_sided: bool = False,
-    log_cost: float = 0.0,
-    log_elsewhere: float = -np.inf,
+    name: str, index: np.ndarray, shape: np.ndarray, matrix: np.ndarray, **more: Any
 ) -> FixedMember:
-    """A member whose columns `index` have the Gram matrix `matrix`."""
+    """A member whose columns `index` have the Gram matrix `matrix`; `more`: as `FixedMember`."""
     powers = np.linalg.eigvalsh(matrix[np.ix_(index, index)])
-    sizes = few_sizes(powers, 1.0, LIMITS.fixed_sizes)
-    return FixedMember(name, index, shape, *sizes, one_sided, log_cost, log_elsewhere)
+    return FixedMember(name, index, shape, *few_sizes(powers, 1.0, LIMITS.fixed_sizes), **more)
 
 
 def log_evidence_of_columns(gradient: np.ndarray, matrix: np.ndarray) -> float:

@@ -206,11 +206,9 @@ def _members(
         yield fixed_member(name, *own, matrix, one_sided=bool(sided), log_cost=cost)
         first += len(part)
     if mode is not None:
-        here, cost = np.arange(first, first + mode.columns.shape[-1]), np.log(mode.trials)
-        elsewhere = float(np.log(mode.elsewhere))
-        yield fixed_member(
-            mode.name, here, here[:0], matrix, log_cost=cost, log_elsewhere=elsewhere
-        )
+        here = np.arange(first, first + mode.columns.shape[-1])
+        searched = {"log_cost": np.log(mode.trials), "log_elsewhere": float(np.log(mode.elsewhere))}
+        yield fixed_member(mode.name, here, here[:0], matrix, **searched)
 
 
 def _root_of_parameters(fit: LinearisedFit) -> np.ndarray:

@@ -336,12 +336,12 @@ def averaged_posterior(
     first = max(0.0, 1.0 - sum(probabilities))
     own = AlternativeParameters("", "", first, names, flat.mean(0), np.cov(flat.T))
     which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
-    for k, alternative in enumerate(alternatives, 1):
+    for k, row in enumerate(alternatives, 1):
+        drawn = partial(rng.multivariate_normal, row.mean, row.covariance, method="eigh")
+        count = int(np.sum(which == k))
         # An alternative that no body allows, or no prior, has no draws: the fit's own stay.
         with suppress(CampaignError):
-            draws[which == k] = inertia_tensor.draw_physical(
-                partial(_drawn, alternative, rng), int(np.sum(which == k)), ends=ends
-            )
+            draws[which == k] = inertia_tensor.draw_physical(drawn, count, ends=ends)
     rows = [_row(posterior.attributes["effects"], row) for row in (own, *alternatives)]
     return _with_group(posterior, names, draws, rows)
 
@@ -379,11 +379,6 @@ def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, 
         "probability": alternative.probability,
         "parameters": {name: {"mean": float(m), "sd": float(sd)} for name, m, sd in each},
     }
-
-
-def _drawn(row: AlternativeParameters, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws (n, 9) of J and K."""
-    return rng.multivariate_normal(row.mean, row.covariance, n, method="eigh")
 
 
 @array_dataclass

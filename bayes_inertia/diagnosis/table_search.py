@@ -59,9 +59,8 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: np.ndarra
     part = model.space.slice_of(effect.name)
     theta = begin.theta.copy()
     theta[part] = start
-    begin = replace(begin, point=replace(begin.point, theta=theta))
     free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
-    with compiled_meanwhile(model, begin.point):
+    with compiled_meanwhile(model, replace(begin.point, theta=theta)):
         return re_estimate(begin, theta, free, tolerance=LIMITS.comparison_tolerance)
 
 
@@ -139,6 +138,11 @@ class Table:
     log_evidence: dict[Names, float]
     log_prior: dict[Names, float]
     refitted: dict[Names, RefittedRow]
+
+    @property
+    def best_shape(self) -> Names:
+        """The best row with a shape without a name; empty, if there is none."""
+        return next((row for row in self.rows if row & SHAPELESS), frozenset())
 
     @property
     def first(self) -> RefittedRow:
@@ -342,7 +346,7 @@ def read_table(table: Table, rules: Rules, *, significant: bool) -> Reading:
     if not significant or not next(iter(table.rows)):
         return Reading("consistent")
     row = next((row for row in table.rows if row and not row & SHAPELESS), frozenset[str]())
-    shape = next((row for row in table.rows if row & SHAPELESS), frozenset[str]())
+    shape = table.best_shape
     reading = Reading("named", tuple(sorted(row, key=lambda name: -_single(table, name))))
     if shape:
         lead = float(np.log(table.rows[shape]) - np.log(table.rows[row]))
@@ -388,8 +392,7 @@ def unexplained_reading(table: Table, reading: Reading) -> Reading:
 
     Names that a shape without a name does not make needless explain a part; else nothing is named.
     """
-    shape = next((row for row in table.rows if row & SHAPELESS), frozenset[str]())
-    if reading.named and set(reading.named) <= shape:
+    if reading.named and set(reading.named) <= table.best_shape:
         return reading._replace(verdict="partial", ambiguous_with=())
     return reading._replace(verdict="unknown", ambiguous_with=(), why_unknown="misfit")
 

@@ -82,20 +82,15 @@ def autocorrelation_time(chain: np.ndarray) -> float:
 
 
 def diagnose_chains(
-    samples: np.ndarray,
-    *,
-    tau: float,
-    evaluations: int,
-    seconds: float,
-    acceptance: float,
-    discarded: int,
+    samples: np.ndarray, *, tau: float, evaluations: int, discarded: int, **measured: float
 ) -> Diagnostics:
     """Convergence of samples.
 
     Plain R-hat over walkers raises false alarms on perfect ensembles and misses one that is stuck
     (Margossian et al. 2024); ensembles are what is independent here.
 
-    `samples` (ensembles, walkers, draws, d); `tau` [steps]; `seconds` [s].
+    `samples` (ensembles, walkers, draws, d); `tau` [steps]; `measured`: `seconds` [s] and
+    `acceptance`.
     """
     from arviz_base import from_dict
     from arviz_stats import ess, rhat_nested
@@ -122,10 +117,9 @@ def diagnose_chains(
         tau_max=tau,
         evaluations=evaluations,
         ess_per_evaluation=min(bulk, tail) / evaluations,
-        seconds=seconds,
-        acceptance=acceptance,
         discarded=discarded,
         steps=draws + discarded,
+        **measured,
     )
 
 
