@@ -15,9 +15,8 @@ from scipy import stats
 
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths.linear_algebra import solve

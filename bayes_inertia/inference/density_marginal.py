@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, whitened
 from bayes_inertia.inference.limits import LIMITS
@@ -37,6 +36,7 @@ from bayes_inertia.inference.noise_model import (
     Densities,
     densities_of,
     mean_curvature,
+    measured,
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor

@@ -19,13 +19,13 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
     Pull,
     Whitening,
     Whitenings,
     compiled_innovations,
+    measured,
     n_data,
     without_memory,
 )

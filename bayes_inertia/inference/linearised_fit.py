@@ -17,20 +17,60 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows, measured
 from bayes_inertia.inference.likelihood import (
     Information,
     Residuals,
     Sensitivities,
     unpadded_sensitivities,
 )
-from bayes_inertia.inference.noise_model import Whitenings, densities_of
+from bayes_inertia.inference.noise_model import Whitenings, densities_of, measured, row_times
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import SlewShares, eliminated
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
+
+
+@array_dataclass
+class ChannelRows:
+    """One channel's measurements among the numbers of all channels.
+
+    Parameters
+    ----------
+    part : slice
+        Where the channel's numbers stand.
+    time : (slews, rows) array
+        Times of the measurements [s], the last one repeated in padding.
+    valid : (slews, rows, components) array of bool
+        What was measured.
+    """
+
+    part: slice
+    time: np.ndarray
+    valid: np.ndarray
+
+    def shaped(self, flat: np.ndarray) -> np.ndarray:
+        """Pick this channel out of the numbers of all channels.
+
+        `flat` (slews, numbers, ...): numbers of all channels, one channel after the other. Returns
+        (slews, rows, components, ...).
+        """
+        return flat[:, self.part].reshape(*self.valid.shape, *flat.shape[2:])
+
+
+def channel_rows(model: Model) -> dict[str, ChannelRows]:
+    """Where each channel's numbers are among those of all channels."""
+    times, telemetry = row_times(model), model.data.arrays.telemetry
+    rows, begin = {}, 0
+    for channel, readings, valid in zip(
+        model.structure.channels, telemetry.readings, measured(model), strict=True
+    ):
+        part = slice(begin, begin + valid[0].size)
+        time = np.take_along_axis(times, np.asarray(readings.row), axis=1)
+        rows[channel.name] = ChannelRows(part, time, valid)
+        begin = part.stop
+    return rows
 
 
 @array_dataclass

@@ -26,9 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.channel_rows import row_times
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.maths.device_arrays import filled, on_device, padded, padded_size
+from bayes_inertia.maths.device_arrays import filled, on_device, padded, padded_size, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
@@ -266,6 +265,21 @@ def readings_of(model: Model, channel: Channel) -> np.ndarray:
     """Which readings (slews, n, c) of a channel were taken."""
     readings = model.data.arrays.telemetry.readings[model.structure.place(channel.name)]
     return np.asarray(readings.valid)
+
+
+def row_times(model: Model) -> np.ndarray:
+    """Times of the rows of telemetry.
+
+    Returns (slews, n): on each slew's own clock [s], the last one repeated in padding.
+    """
+    n = model.data.arrays.telemetry.sample.shape[1]
+    return np.stack([repeated(slew.time, n, 0) for slew in model.campaign.slews])
+
+
+def measured(model: Model) -> tuple[np.ndarray, ...]:
+    """What the model compares with measurements, by channel (slews, rows, components)."""
+    pairs = zip(model.structure.channels, model.data.arrays.telemetry.readings, strict=True)
+    return tuple(np.asarray(x.valid, bool)[..., : None if c.compared else 0] for c, x in pairs)
 
 
 def rows_of(model: Model) -> RowTimes:

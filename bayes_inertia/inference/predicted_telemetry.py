@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, residuals
@@ -27,6 +26,7 @@ from bayes_inertia.inference.noise_model import (
     correlated_noise,
     densities_of,
     log_norms,
+    measured,
     without_memory,
 )
 from bayes_inertia.inference.point import Point

@@ -23,10 +23,9 @@ import numpy as np
 from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_model import Whitenings
+from bayes_inertia.inference.noise_model import Whitenings, measured
 from bayes_inertia.inference.objective import block_index
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.values import array_dataclass

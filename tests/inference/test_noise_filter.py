@@ -10,8 +10,8 @@ import pytest
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import plain_series
+from bayes_inertia.inference.linearised_fit import channel_rows
 from bayes_inertia.inference.noise_model import (
     correlated_noise,
     innovations,
