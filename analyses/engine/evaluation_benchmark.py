@@ -39,11 +39,10 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.laplace import Estimate, Starts, marginal
-from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.likelihood import Point, information_blocks
 from bayes_inertia.inference.marginal_posterior import Marginal, log_density_of
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.integration_plan import longest_smooth_step, motion_scales

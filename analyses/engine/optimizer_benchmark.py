@@ -30,7 +30,7 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.descent import guess_nuisances
-from bayes_inertia.inference.likelihood import information_blocks, residuals
+from bayes_inertia.inference.likelihood import Point, information_blocks, residuals
 from bayes_inertia.inference.noise_model import Whitenings, discounted, whitening
 from bayes_inertia.inference.objective import (
     in_chart,
@@ -39,7 +39,6 @@ from bayes_inertia.inference.objective import (
     normal_equations,
     step_sizes,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model

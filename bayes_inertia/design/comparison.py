@@ -23,10 +23,9 @@ from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraf
 from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, Starts
-from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.likelihood import Point, information_blocks
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect

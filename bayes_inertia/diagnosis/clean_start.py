@@ -34,10 +34,9 @@ from bayes_inertia.inference.cleaning import (
 )
 from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
-from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
+from bayes_inertia.inference.likelihood import Point, padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, colour_of, level_of_rounded, rounding_steps
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect

@@ -42,9 +42,9 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import LinearModel
 from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import negative_log_posterior, prior_equations
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse_root
 from bayes_inertia.maths.values import array_dataclass
 

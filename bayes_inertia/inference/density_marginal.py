@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.laplace import Estimate, marginal
-from bayes_inertia.inference.likelihood import Residuals, whitened
+from bayes_inertia.inference.likelihood import Point, Residuals, whitened
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import (
     EliminatedSlews,
@@ -38,7 +38,6 @@ from bayes_inertia.inference.noise_model import (
     mean_curvature,
     measured,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import in_batches
 from bayes_inertia.maths.kept_programs import KeptProgram

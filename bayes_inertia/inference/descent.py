@@ -26,7 +26,7 @@ from scipy import integrate, optimize
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.hyperparameters import Evidence, most_probable, without_hyperparameters
-from bayes_inertia.inference.likelihood import information_blocks, residuals
+from bayes_inertia.inference.likelihood import Point, information_blocks, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, discounted, n_data, whitening
 from bayes_inertia.inference.objective import (
@@ -36,7 +36,6 @@ from bayes_inertia.inference.objective import (
     normal_equations,
     step_sizes,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model

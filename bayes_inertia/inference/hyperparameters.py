@@ -25,6 +25,7 @@ from scipy.linalg import block_diag
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.likelihood import (
     Information,
+    Point,
     information_blocks,
     unpadded_sensitivities,
 )
@@ -54,7 +55,6 @@ from bayes_inertia.inference.noise_model import (
     wandering_noise,
 )
 from bayes_inertia.inference.objective import prior_equations, prior_rows
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import (
     filled,
     in_batches,

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.likelihood import Information
+from bayes_inertia.inference.likelihood import Information, Point
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import CoefficientPart, Marginal, Ridge, prior_roots
@@ -24,7 +24,6 @@ from bayes_inertia.inference.noise_model import (
     with_memory,
 )
 from bayes_inertia.inference.objective import prior_root
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
     ChannelTest,
     TestedResiduals,

@@ -1,4 +1,4 @@
-"""Whitened residuals, their sensitivities, and the normal equations that follow from them.
+"""Whitened residuals at a point, their sensitivities, and the normal equations that follow.
 
 Large programs are compiled for one slew and run for each: padded before, cut afterwards. How many
 slews a campaign has decides nothing of what is compiled, and its rows only through the few sizes
@@ -29,13 +29,45 @@ from bayes_inertia.inference.noise_model import (
     n_data,
     without_memory,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled, on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
-from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import Data, Nuisances, Telemetry
 from bayes_inertia.physics.prediction import Structure, predict, predict_all
+
+
+@jax.tree_util.register_dataclass
+@array_dataclass
+class Point:
+    """Where residuals are evaluated; compiled code takes it as one argument.
+
+    Parameters
+    ----------
+    theta : (d,) array
+        Parameters of the model, in physical units.
+    bias : (axes,) array
+        Deviation of the rate bias from its prior mean, in prior sd.
+    local : (slews, n_local) array
+        Nuisances of each slew (start state; in the measured drive slow tachometer noise), in
+        prior sd.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Point(np.zeros(9), np.zeros(3), np.zeros((2, 9))).n_local
+    9
+    """
+
+    # Of numpy on the host, of JAX in compiled code.
+    theta: Any
+    bias: Any
+    local: Any
+
+    @property
+    def n_local(self) -> int:
+        """Nuisances of one slew."""
+        return self.local.shape[1]
 
 
 class SlewPiece(NamedTuple):

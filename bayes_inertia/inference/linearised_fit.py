@@ -19,13 +19,13 @@ from scipy.linalg import block_diag
 
 from bayes_inertia.inference.likelihood import (
     Information,
+    Point,
     Residuals,
     Sensitivities,
     unpadded_sensitivities,
 )
 from bayes_inertia.inference.noise_model import Whitenings, densities_of, measured, row_times
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_equations
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import SlewShares, eliminated
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass

@@ -33,6 +33,7 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 
 from bayes_inertia.inference.likelihood import (
+    Point,
     Residuals,
     is_traced,
     of_slew,
@@ -41,7 +42,6 @@ from bayes_inertia.inference.likelihood import (
     whitened,
 )
 from bayes_inertia.inference.noise_model import Whitenings
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, in_batches, on_device, padded_size, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram

@@ -10,10 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.inference.likelihood import Information, information_blocks, residuals
+from bayes_inertia.inference.likelihood import Information, Point, information_blocks, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, measured
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model

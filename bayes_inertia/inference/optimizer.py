@@ -23,7 +23,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
-from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.likelihood import Point, information_blocks
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
     Densities,
@@ -37,7 +37,6 @@ from bayes_inertia.inference.noise_model import (
     whitening,
 )
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion, effective_parameters, residual_series
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
-from bayes_inertia.inference.likelihood import Residuals, residuals
+from bayes_inertia.inference.likelihood import Point, Residuals, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
 from bayes_inertia.inference.noise_model import (
@@ -29,7 +29,6 @@ from bayes_inertia.inference.noise_model import (
     measured,
     without_memory,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.slew_shares import eliminated
 

@@ -23,11 +23,10 @@ import numpy as np
 from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.inference.likelihood import Information, residuals
+from bayes_inertia.inference.likelihood import Information, Point, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, measured
 from bayes_inertia.inference.objective import block_index
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model

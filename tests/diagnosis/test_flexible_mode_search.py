@@ -16,8 +16,8 @@ from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 

@@ -21,10 +21,9 @@ from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
 from bayes_inertia.diagnosis.table_search import with_stochastic
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.likelihood import padded_sensitivities
+from bayes_inertia.inference.likelihood import Point, padded_sensitivities
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.kept_programs import IN_MEMORY
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability

@@ -24,13 +24,13 @@ from bayes_inertia.inference.cleaning import (
     outlying_readings,
 )
 from bayes_inertia.inference.gates import prior_gate
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.noise_colour import (
     Colour,
     ColourOfAxis,
     colour_of,
     is_alike_everywhere,
 )
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root
 from bayes_inertia.physics.forward_model import Model

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood import (
+    Point,
     _plain_sensitivities,
     padded_sensitivities,
     residuals,
@@ -19,7 +20,6 @@ from bayes_inertia.inference.likelihood import (
 )
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference.laplace import marginal
-from bayes_inertia.inference.likelihood import residuals, unpadded_sensitivities
+from bayes_inertia.inference.likelihood import Point, residuals, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_density_of
-from bayes_inertia.inference.point import Point
 
 
 def joint_log_density(fitted):

@@ -22,7 +22,7 @@ from bayes_inertia.inference.density_marginal import (
     nuisance_optimum,
 )
 from bayes_inertia.inference.laplace import marginal
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import Point, residuals
 from bayes_inertia.inference.marginal_posterior import (
     SlewEquations,
     eliminated,
@@ -30,7 +30,6 @@ from bayes_inertia.inference.marginal_posterior import (
     steps_given,
 )
 from bayes_inertia.inference.noise_model import densities_of
-from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.predicted_telemetry import losses
 from bayes_inertia.physics.channel_noise import (
     ChannelNoise,

@@ -12,10 +12,9 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.laplace import Estimate, Starts
-from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.likelihood import Information, Point, information_blocks
 from bayes_inertia.inference.noise_model import discounted, whitening
 from bayes_inertia.inference.optimizer import distinct_optima, estimate, move_to, resumed
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import TorqueNoise, by_name
 from bayes_inertia.physics.forward_model import Model

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference import descent, hyperparameters, likelihood
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.kept_programs import IN_MEMORY
 from bayes_inertia.physics.effects import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model

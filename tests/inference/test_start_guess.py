@@ -13,10 +13,10 @@ from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracke
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.descent import guess_nuisances
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import negative_log_posterior
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.forward_model import Model
 
 

@@ -25,7 +25,7 @@ import bayes_inertia
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
 from bayes_inertia.physics.forward_model import Model

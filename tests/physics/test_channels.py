@@ -14,9 +14,8 @@ from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.hyperparameters import information_with_learnt
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import Point, residuals
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
 from bayes_inertia.physics.channels.rate import RateChannel

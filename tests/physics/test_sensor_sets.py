@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import Point, residuals
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.effects import RateBias, by_name
 from bayes_inertia.physics.forward_model import Model
