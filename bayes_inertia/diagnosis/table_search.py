@@ -220,8 +220,9 @@ def _nearest(names: Names, among: Iterable[RefittedRow]) -> RefittedRow:
 def _read(refitted: Mapping[Names, RefittedRow], rules: Rules) -> Table:
     """The table as it stands: each row as weighed at the refit nearest to it."""
     table = Table({}, {}, {}, dict(refitted))
-    rows = {row for at in refitted.values() for row in at.log_evidence}
-    rows = {row for row in rows if len(row) <= rules.max_effects}
+    # In the order in which they were weighed: sums round alike in every process.
+    rows = [row for at in refitted.values() for row in at.log_evidence]
+    rows = [row for row in dict.fromkeys(rows) if len(row) <= rules.max_effects]
     values = {row: table.weighed_at(row).log_evidence[row] for row in rows}
     random = {m.name for m in table.first.random}
     members = len(table.first.linear.members) + len(random - SHAPELESS) + 1

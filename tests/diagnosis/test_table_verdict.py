@@ -1,12 +1,16 @@
 """The verdict is read off the probabilities of a table."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set, posterior
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.table_search import (
+    RefittedRow,
     Table,
+    _read,
     hypotheses_of,
     read_table,
     unexplained_reading,
@@ -101,3 +105,10 @@ def test_listed_probabilities_add_up_to_one():
     (others,) = (row for row in rows if row.kind == "others")
     assert others.log_evidence == pytest.approx(1.0)
     assert np.isfinite(others.log_prior)
+
+
+def test_rows_stand_in_the_order_in_which_they_were_weighed():
+    """Else last digits of probabilities would depend on how a process hashes names."""
+    values = {frozenset([f"effect_{k}"]): -0.1 * k for k in range(20)} | {frozenset(): 0.0}
+    first = RefittedRow(frozenset(), None, SimpleNamespace(members=()), None, values)
+    assert list(_read({frozenset(): first}, Rules()).log_evidence) == list(values)
