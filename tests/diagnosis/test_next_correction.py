@@ -43,10 +43,10 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight, rigid_l
     campaign = flight((InertiaChange(),), {"inertia_change": {"change": size}})
     model = Model(campaign, candidate_effects(campaign, rigid_library).linear)
     final = fitted_with(model, "inertia_change")
-    # One estimate on both sides: what differs is the tensor flown with, before and after the
-    # change, and the spacecraft's own.
-    found = correction_forecast(final, final)
+    # Without the change J is one for all slews, and right in none.
+    found = correction_forecast(estimate(Model(campaign), starts=1), final)
     assert len({found.promised, found.expected, found.updated}) == 3
+    assert found.updated[0] < 0.5 * found.expected[0]
 
 
 @pytest.mark.long
