@@ -27,7 +27,12 @@ from bayes_inertia.physics.random_basis import (
 )
 from bayes_inertia.physics.small_campaign import small_campaign
 
-ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
+ONLY_WHERE_COMMANDS_DRIVE = (
+    "tachometer_noise_walk",
+    "tachometer_remainder",
+    "wheel_torque_noise",
+    "wheel_torque_remainder",
+)
 
 
 @pytest.mark.slow
