@@ -218,7 +218,7 @@ def _read_posterior(path: Path) -> None:
 
 
 def _read_diagnosis(path: Path) -> None:
-    from bayes_inertia.app.commands.fit import show_diagnosis
+    from bayes_inertia.app.commands.runs import show_diagnosis
     from bayes_inertia.app.diagnosis_json import blaming_diagnosis, next_fit_from, read_diagnosis
 
     content = read_diagnosis(path.parent) or {}

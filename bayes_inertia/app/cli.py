@@ -20,15 +20,6 @@ import typer
 
 from bayes_inertia.app.commands.campaigns import new_command, simulate_command
 from bayes_inertia.app.commands.check import check_command, doctor_command, effects_command
-from bayes_inertia.app.commands.fit import (
-    demo_command,
-    diagnose_command,
-    export_command,
-    fit_command,
-    report_command,
-    resume_command,
-    update_command,
-)
 from bayes_inertia.app.commands.import_raw import import_command
 from bayes_inertia.app.commands.many import (
     fit_many_command,
@@ -37,6 +28,15 @@ from bayes_inertia.app.commands.many import (
     study_command,
 )
 from bayes_inertia.app.commands.plans import compare_command, design_command, observe_command
+from bayes_inertia.app.commands.runs import (
+    demo_command,
+    diagnose_command,
+    export_command,
+    fit_command,
+    report_command,
+    resume_command,
+    update_command,
+)
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.options import described, example_of

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
+from bayes_inertia import errors
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
@@ -21,8 +22,7 @@ Numbers = tuple[float, ...]
 
 def require(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds."""
-    if not condition:
-        raise CampaignError(what, where=f"key {key}", advice=advice)
+    errors.require(condition, f"key {key}", what, advice)
 
 
 def numbers(

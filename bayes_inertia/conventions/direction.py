@@ -45,7 +45,7 @@ def direction(told: Told) -> LawData | None:
     seen = np.einsum("snij,sndj->sndi", to_start, seen_B)
     there = np.einsum("sij,sndj->sndi", _first_rotation(told, seen, there_N), there_N)
     expected_B = np.einsum("snji,sndj->sndi", to_start, there)
-    share = _share(told, known, (seen_B, expected_B), sizes, integrated_noise(told))
+    share = _weights(told, known, (seen_B, expected_B), sizes, integrated_noise(told))
     path = uncertain_path(told)
     if fixes.any():
         # The rotations of the fixes tell R0, errors of the path up to them included.
@@ -68,40 +68,55 @@ def direction(told: Told) -> LawData | None:
 
 
 def angles(told: Told) -> LawData | None:
-    """The same in whatever attitude fits best at each moment: angles and sizes, without rates."""
+    """Angles between vectors, and their sizes: the attitude of each moment is the best one.
+
+    No rates are needed. What turns all vectors of a moment together is projected off.
+    """
     known = (np.linalg.norm(told.slews.vectors_B, axis=-1) > 0.0) & told.slews.valid[..., None]
     if not known.any():
         return None
     seen_B, there_N, sizes = _in_one_size(told, known)
     to_N = nearest_rotation(np.einsum("sndi,sndj->snij", there_N, seen_B))
     expected_B = np.einsum("snji,sndj->sndi", to_N, there_N)
-    share = _share(told, known, (seen_B, expected_B), sizes, np.zeros(len(known)))
+    share = _weights(told, known, (seen_B, expected_B), sizes, np.zeros(len(known)))
     left = np.einsum("snij,sndj->sndi", to_N, seen_B)[..., None] - there_N[..., None]
     errors = np.concatenate([left, _own_errors(told, to_N, seen_B, sizes)], axis=-1)
     errors = _flat(errors, share)
     turned = _flat(np.cross(np.eye(3)[None, None, None], there_N[..., None], axis=3), share)
-    basis, lengths, _ = np.linalg.svd(turned, full_matrices=False)
     # One vector leaves the turn about itself untold.
-    basis = basis * (lengths > 1e-9 * lengths.max())[..., None, :]
-    errors = errors - basis @ (np.swapaxes(basis, 2, 3) @ errors)
-    data, one = errors[..., 0], np.ones(len(errors))
-    free = np.zeros((*data.shape, 0))
-    early = np.zeros(data.shape)
-    return LawData(data, errors[..., 1:], free, one, known.any(axis=2), early, noise=1.0)
+    errors = errors - turned @ (np.linalg.pinv(turned, rcond=1e-9) @ errors)
+    data = errors[..., 0]
+    return LawData(
+        data,
+        errors[..., 1:],
+        np.zeros((*data.shape, 0)),
+        np.ones(len(data)),
+        known.any(axis=2),
+        early=np.zeros(data.shape),
+        noise=1.0,
+    )
 
 
-def _share(
+def _weights(
     told: Told,
     known: np.ndarray,
     both_B: tuple[np.ndarray, np.ndarray],
     sizes: np.ndarray,
     turned: np.ndarray,
 ) -> np.ndarray:
-    """Weight (S, N, sensors) of vectors, so that errors are in sds; `turned` as of `_sd`."""
+    """Weights (S, N, sensors) of vectors: over what noise and undisclosed physics leave of them.
+
+    `both_B`: as seen and as expected; `turned`: angle (S,) that noise of the rates adds up to.
+    """
+    square = turned[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
+    for d, (name, _) in enumerate(direction_sensors(told.campaign)):
+        both = (deviation(vectors[:, :, d], known[..., d]) for vectors in both_B)
+        noise = told.reading.of(f"{MORE}{name}", np.diag(told.noise[name])) / sizes[d]
+        square[:, d] += (LIMITS.physical_share * np.maximum(*both)) ** 2 + np.sum(noise**2)
     # Each sensor counts by the moments at which it sees, however few they are.
     counts = np.maximum(known.sum(axis=1), 1)
     share = np.sqrt(known.any(axis=2).sum(axis=1)[:, None] / counts)
-    return known * (share / _sd(told, known, both_B, sizes, turned))[:, None]
+    return known * (share / np.sqrt(square))[:, None]
 
 
 def _flat(values: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -167,25 +182,6 @@ def _first_rotation(told: Told, seen: np.ndarray, there_N: np.ndarray) -> np.nda
     by_fixes = np.einsum("sn,snij->sji", fixes, starts)
     by_vectors = np.einsum("sndi,sndj->sij", seen, there_N)
     return nearest_rotation(np.where(fixes.any(axis=1)[:, None, None], by_fixes, by_vectors))
-
-
-def _sd(
-    told: Told,
-    known: np.ndarray,
-    both_B: tuple[np.ndarray, np.ndarray],
-    sizes: np.ndarray,
-    turned: np.ndarray,
-) -> np.ndarray:
-    """What noise and undisclosed physics leave of each sensor's vectors (S, sensors).
-
-    `both_B`: as seen and as expected; `turned`: angle (S,) that noise of the rates adds up to.
-    """
-    square = turned[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
-    for d, (name, _) in enumerate(direction_sensors(told.campaign)):
-        both = (deviation(vectors[:, :, d], known[..., d]) for vectors in both_B)
-        noise = told.reading.of(f"{MORE}{name}", np.diag(told.noise[name])) / sizes[d]
-        square[:, d] += (LIMITS.physical_share * np.maximum(*both)) ** 2 + np.sum(noise**2)
-    return np.sqrt(square)
 
 
 def _own_errors(

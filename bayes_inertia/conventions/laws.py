@@ -354,9 +354,7 @@ class Misfits:
         parts = parts_of_directions(self.campaign)
         if not {*parts} & {*self.followed} & {*reading.matrices}:
             return True
-        told = Told(
-            self.campaign, self.slews, reading, self.motion(self.stated()), self.noise, self.torques
-        )
+        told = replace(self.told(self.stated()), reading=reading)
         data = self.kept_for("angles", parts, reading, partial(angles, told))
         return data is None or data.fit().worst < limit
 

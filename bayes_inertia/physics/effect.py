@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import BayesInertiaError, EffectError
+from bayes_inertia.errors import BayesInertiaError, EffectError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
@@ -622,8 +622,7 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
     Traceback (most recent call last):
     bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
     """
-    if not condition:
-        raise EffectError(what, where=_place(effect), advice=advice)
+    require(condition, _place(effect), what, advice, error=EffectError)
 
 
 def require_rule(condition: bool, effect: Any, rule: str, /, **told: Any) -> None:

@@ -18,7 +18,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app.cli import COMMANDS, command_line
-from bayes_inertia.app.commands.fit import run_result_json
+from bayes_inertia.app.commands.runs import run_result_json
 from bayes_inertia.app.options import EXAMPLES, example_of
 from bayes_inertia.app.terminal import progress_bar, quietly, say
 

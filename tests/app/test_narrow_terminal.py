@@ -11,9 +11,9 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.app.commands.check import show_campaign
-from bayes_inertia.app.commands.fit import show_promise
 from bayes_inertia.app.commands.many import show_calibration, show_fits, show_study
 from bayes_inertia.app.commands.plans import show_comparison, show_design, show_observability
+from bayes_inertia.app.commands.runs import show_promise
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import AchievedErrors, Contender

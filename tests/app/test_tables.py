@@ -14,9 +14,9 @@ import pytest
 import bayes_inertia
 from bayes_inertia.app.cli import COMMANDS, main
 from bayes_inertia.app.commands.check import show_campaign
-from bayes_inertia.app.commands.fit import show_diagnosis, show_summary
 from bayes_inertia.app.commands.many import show_study
 from bayes_inertia.app.commands.plans import show_comparison, show_design, show_observability
+from bayes_inertia.app.commands.runs import show_diagnosis, show_summary
 from bayes_inertia.app.plan_folder import plans_named
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.prior import GaussianPrior

@@ -17,7 +17,7 @@ import pytest
 import bayes_inertia
 from bayes_inertia.app import export_run, run_folder
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.commands.fit import FormatName
+from bayes_inertia.app.commands.runs import FormatName
 from bayes_inertia.app.export_run import exported_result, forecast_of
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior

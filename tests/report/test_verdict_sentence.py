@@ -5,7 +5,7 @@ import json
 import pytest
 
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.commands.fit import show_run
+from bayes_inertia.app.commands.runs import show_run
 from bayes_inertia.report.verdict import verdict_sentence, with_verdict_sentence
 
 NUMBERS = (

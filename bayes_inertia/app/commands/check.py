@@ -338,7 +338,7 @@ def _energy_drift() -> float:
     return float(jnp.abs(energy / (rate[0] @ J @ rate[0]) - 1.0).max())
 
 
-CHECK_FORMAT = "bayes-inertia-effects-check/1"
+EFFECTS_CHECK_FORMAT = "bayes-inertia-effects-check/1"
 
 
 def effects_command(
@@ -357,12 +357,12 @@ def effects_command(
     flown = small_campaign() if campaign is None else read_campaign(campaign)
     if check is None:
         known = (*candidates_in(flown, LIBRARY), *STOCHASTIC)
-        _list(tuple(e for e in known if not lacks(e, flown)), flown, as_json)
+        _list_effects(tuple(e for e in known if not lacks(e, flown)), flown, as_json)
         return
-    _check(check, None if campaign is None else flown, as_json)
+    _check_effects(check, None if campaign is None else flown, as_json)
 
 
-def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
+def _check_effects(text: str, campaign: Campaign | None, as_json: bool) -> None:
     """Prove the contract of all effects of a file, or of one that is named."""
     from bayes_inertia.physics.check_effect import check_effect
     from bayes_inertia.physics.named_effects import effects_in_file, effects_named
@@ -377,13 +377,13 @@ def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
             {"name": c.name, "fingerprint": dict(c.fingerprint), "warnings": list(c.warnings)}
             for c in checked
         ]
-        print_json({"format": CHECK_FORMAT, "effects": rows})
+        print_json({"format": EFFECTS_CHECK_FORMAT, "effects": rows})
         return
     for result in checked:
         show_checked_effect(result)
 
 
-def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> None:
+def _list_effects(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> None:
     from bayes_inertia.app.effect_table import effect_lines, effects_json
 
     content = effects_json(effects, campaign)

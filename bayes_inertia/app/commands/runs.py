@@ -299,7 +299,7 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         console.print(indented(sentence))
 
 
-FORMAT = "bayes-inertia-report/1"
+REPORT_FORMAT = "bayes-inertia-report/1"
 COMPARISON_FORMAT = "bayes-inertia-run-comparison/1"
 
 
@@ -348,7 +348,7 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Pa
     }
     if promise is not None and not as_json:
         show_promise(promise)
-    _say({"format": FORMAT} | document, sentence, path, as_json)
+    _say({"format": REPORT_FORMAT} | document, sentence, path, as_json)
     return path
 
 
