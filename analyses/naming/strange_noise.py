@@ -73,6 +73,23 @@ def _in_one_slew(change: Change) -> Change:
     return lambda c, s, rng: change(c, s, rng) if s is c.slews[LOUD_SLEW] else s
 
 
+def _filtered(kernel: np.ndarray) -> Change:
+    """Noise of the gyro twice as loud as its own that a filter of unit power has passed."""
+
+    def change(campaign: Campaign, slew: Slew, rng: np.random.Generator) -> Slew:
+        white = rng.standard_normal((len(slew.time) + len(kernel) - 1, 3))
+        passed = np.stack([np.convolve(axis, kernel, "valid") for axis in white.T], -1)
+        return more_rate_noise(campaign, slew, 2.0 * passed / np.sqrt(np.sum(kernel**2)))
+
+    return change
+
+
+# Kasdin (1995): the impulse response of a filter whose noise has a power of 1 / f.
+_FLICKER = np.cumprod([1.0, *((k - 0.5) / k for k in range(1, 2000))])
+# A line of five readings a period that lasts for ten of them.
+_RINGING = np.exp(-np.arange(150.0) / 50.0) * np.cos(2.0 * np.pi * np.arange(150.0) / 5.0)
+
+
 KINDS: dict[str, tuple[str, Change]] = {
     "as_stated": ("as stated", lambda c, s, rng: s),
     "loud_rates": (
@@ -110,6 +127,9 @@ KINDS: dict[str, tuple[str, Change]] = {
             c, s, _normal(rng, s, 3.0) * np.abs(s.rate) / np.abs(s.rate).max()
         ),
     ),
+    "flicker": ("gyro with flicker noise beside its own", _filtered(_FLICKER)),
+    "mean_of_ten": ("gyro with means of ten readings beside its own", _filtered(np.ones(10))),
+    "ringing": ("gyro with noise that rings beside its own", _filtered(_RINGING)),
 }
 
 

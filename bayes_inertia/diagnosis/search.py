@@ -282,18 +282,19 @@ def diagnose(
     return _diagnosed(begin, Search(effects, stochastic, rules, seed, say))
 
 
-def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
-    """The verdict of the table whose noise, white, correlated or louder, is more probable.
+def _with_likely_noise(begin: CleanStart, search: Search) -> tuple[Weighed, dict[str, float]]:
+    """The table whose noise, white, correlated or louder, is most probable; and how probable each.
 
     Correlated noise that a twentieth of the probability leaves open is noise: nothing is named for
-    it.
+    it. What leaves its own channel structured is not that noise: a torque that rings is none.
     """
     weighed, taken = weigh_campaign(begin, search), "white"
     evidence = {taken: _log_evidence(weighed)}
     search.say("measuring correlated noise", 0, 0)
     coloured = with_correlated_noise(begin, begin.base, weighed.final)
-    if coloured is not None:
-        other = weigh_campaign(coloured, search)
+    other = weigh_campaign(coloured, search) if coloured else weighed
+    tests = {channel: other.final.final_tests[channel] for channel in other.begin.treatment.colour}
+    if coloured is not None and is_explained(tests, search.rules):
         evidence["correlated"] = _log_evidence(other)
         lead = evidence["correlated"] - evidence[taken]
         if holds_correlated_noise(weighed.final) or lead > -search.rules.log_evidence_margin:
@@ -303,7 +304,13 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         other = weigh_campaign(louder, search)
         evidence["louder"] = _log_evidence(other)
         weighed = other if evidence["louder"] > evidence[taken] else weighed
-    odds = dict(zip(evidence, softmax([*evidence.values()]).tolist(), strict=True))
+    odds = softmax([*evidence.values()]).tolist()
+    return weighed, dict(zip(evidence, odds, strict=True)) if len(odds) > 1 else {}
+
+
+def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
+    """What the most probable noise and its table say."""
+    weighed, noise_probabilities = _with_likely_noise(begin, search)
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
     steps = _steps(table, reading, weighed.final, search)
@@ -325,7 +332,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         hypotheses=_checked(table, search.seed),
         other_rows=() if reading.verdict in OPEN_VERDICTS else other_rows(table, reading.row),
         formulas=formulas,
-        noise_probabilities=odds if len(odds) > 1 else {},
+        noise_probabilities=noise_probabilities,
     )
 
 

@@ -148,6 +148,7 @@ def test_what_the_library_does_not_explain_is_unknown_and_described(
     assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
 
 
+@pytest.mark.xfail(strict=True, reason="a formula imitates a pulse of alike slews: docs/limits.md")
 @pytest.mark.long
 @pytest.mark.slow
 def test_effects_that_only_imitate_another_are_not_named(
