@@ -318,6 +318,7 @@ def fit_after_diagnosis(
     `asked`: drive, chains and progress, as of `fit`.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
+    context = replace(context, telemetry=campaign.telemetry)
     if choice.verdict in OPEN_VERDICTS:
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)

@@ -127,13 +127,13 @@ def fit(
     settings = require_settings(settings, usual_settings(model.effects))
     if seed is not None:
         settings = replace(settings, seed=seed)
-    say = as_callback(progress)
+    say, context = as_callback(progress), context or FitContext()
+    context = replace(context, telemetry=context.telemetry or model.campaign.telemetry)
     say("fitting", 0, 0)
-    estimate, context = settled_estimate(model, settings.seed, as_stated, context, say)
+    estimate, context = settled_estimate(model, settings.seed, as_stated, say, context)
     samples = sample(estimate, settings, folder=chains, progress=say)
     if predict:
         say("predicting the telemetry", 0, 0)
-    context = context or FitContext()
     posterior = build_posterior(estimate, samples, context, settings.seed, predict)
     if posterior.trusted and not alternatives:
         say("bounding what could hide", 0, 0)
@@ -146,9 +146,10 @@ def fit(
 
 
 def settled_estimate(
-    model: Model, seed: int, as_stated: bool, context: FitContext | None, say: Progress
-) -> tuple[Estimate, FitContext | None]:
+    model: Model, seed: int, as_stated: bool, say: Progress, context: FitContext | None = None
+) -> tuple[Estimate, FitContext]:
     """The estimate that is sampled, and the context with the noise that was measured."""
+    context = context or FitContext()
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = with_likely_inputs(restarted_with_mode(optimizer.estimate(model, seed=seed)))
     if not as_stated:
@@ -159,16 +160,12 @@ def settled_estimate(
     return estimate, context
 
 
-def _cleaned(
-    estimate: Estimate, context: FitContext | None, seed: int
-) -> tuple[Estimate, FitContext | None]:
+def _cleaned(estimate: Estimate, context: FitContext, seed: int) -> tuple[Estimate, FitContext]:
     """The fit without outliers, and the context with the noise that was measured."""
     clean = clean_fit(estimate, seed=seed)
     if clean.estimate is estimate:
         return estimate, context
-    return restarted_with_mode(clean.estimate), _with_noise_of(
-        context or FitContext(), clean.treatment
-    )
+    return restarted_with_mode(clean.estimate), _with_noise_of(context, clean.treatment)
 
 
 def _with_noise_of(context: FitContext, treatment: DirtTreatment) -> FitContext:
@@ -337,8 +334,9 @@ class LogDensity:
         Returns
         -------
         array of the same shape
-            Parameters that follow the prior; J need not be a body's (the log likelihood then is
-            -inf).
+            Parameters that follow the prior but for two ends: J need not be a body's, and of
+            parameters that are correlated the ends are not kept. The log likelihood there is -inf,
+            so that an evidence is less by the log of the prior's share inside.
         """
         return self.estimate.model.space.from_unit(self._vectors(unit))
 
@@ -423,5 +421,5 @@ def log_density(
         As `fit`.
     """
     model = model_of(campaign, effects=effects, drive=drive, noise=noise)
-    estimate, _ = settled_estimate(model, seed, as_stated, None, as_callback(progress))
+    estimate, _ = settled_estimate(model, seed, as_stated, as_callback(progress))
     return LogDensity(estimate)

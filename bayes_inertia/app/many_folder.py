@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -345,16 +347,16 @@ class Told(NamedTuple):
     """What one fit tells."""
 
     campaign: str  # its name
-    sha256: str | None  # digest of its telemetry, where the fit states it
     summary: LikelihoodSummary | None  # None where the result must not be used
 
 
 def _refuse_twice(told: Sequence[Told]) -> None:
     """Refuse telemetry that would count twice: all sds would be too small."""
-    digests = [one.sha256 for one in told if one.sha256]
-    twice = [one.campaign for one in told if digests.count(one.sha256 or "") > 1]
-    what = f"the telemetry of {listed(twice)} is the same and would count twice"
-    require(not twice, "campaigns", what, "give each campaign once")
+    of_each = {k: one.summary.learnt_from for k, one in enumerate(told) if one.summary}
+    slews = Counter(chain.from_iterable(of_each.values()))
+    twice = [told[k].campaign for k, own in of_each.items() if any(slews[x] > 1 for x in own)]
+    what = f"{listed(twice)} hold the same telemetry, which would count twice"
+    require(not twice, "campaigns", what, "give each slew once")
 
 
 def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
@@ -363,14 +365,12 @@ def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
         return _of_many(source)
     if (source / "summary.json").is_file():
         content = read_sealed_json(source / "summary.json", _RESUME)
-        name, digest = str(content.get("campaign")), content.get("campaign_sha256")
-        return [Told(name, digest, _summary(content, source))]
+        return [Told(str(content.get("campaign")), _summary(content, source))]
     # As `fit` does: impossible data are no campaign of a series.
     refuse_impossible(source)
     run_folder.start(source, run, settings=usual_settings((), seed=seed))
     posterior = run_folder.finish(run, report=False, progress=progress)
-    digest = campaign_sha256(source)
-    return [Told(str(posterior.attributes.get("campaign")), digest, posterior.likelihood)]
+    return [Told(str(posterior.attributes.get("campaign")), posterior.likelihood)]
 
 
 def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
@@ -397,7 +397,7 @@ def _of_many(fits: Path) -> list[Told]:
     require(path.is_file(), str(fits), "no fits.parquet", "run `fit-many` first")
     pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
     return [
-        Told(row["campaign"], row.get("sha256"), _summary(_likelihood_in(row), fits))
+        Told(row["campaign"], _summary(_likelihood_in(row), fits))
         for row in pq.read_table(path).to_pylist()
     ]
 

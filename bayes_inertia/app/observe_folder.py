@@ -63,7 +63,7 @@ def run_observe(
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
     progress("fitting", 0, 0)
     # As `fit` does: what is asked is asked of the same estimate.
-    estimate, _ = settled_estimate(Model(flown, instances, drive), seed, False, None, progress)
+    estimate, _ = settled_estimate(Model(flown, instances, drive), seed, False, progress)
     progress("fitting in the other drive", 0, 0)
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
     progress("asking each slew what it tells", 0, 0)

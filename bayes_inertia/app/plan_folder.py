@@ -278,7 +278,7 @@ def _fitted(flown: Campaign, effects: Sequence[str], seed: int, progress: Progre
     """The estimate that `fit` samples; effects take from what the campaign tells of J and K."""
     progress("fitting the campaign", 0, 0)
     model = Model(flown, effects_named(effects))
-    return settled_estimate(model, seed, False, None, progress)[0]
+    return settled_estimate(model, seed, False, progress)[0]
 
 
 def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:

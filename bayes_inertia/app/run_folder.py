@@ -82,8 +82,6 @@ class Run:
     noise: _NoiseRead = field(default_factory=NoiseModel)
     # J and K known before, as `GaussianPrior.json`; None for the campaign's own.
     prior: dict[str, Any] | None = None
-    # Digests of the campaigns that this prior holds.
-    former: tuple[str, ...] = ()
 
     @property
     def options(self) -> dict[str, Any]:
@@ -128,20 +126,14 @@ def start(
     as_stated: bool = False,
     noise: NoiseModel | None = None,
     prior: GaussianPrior | None = None,
-    former: Sequence[str] = (),
 ) -> Run:
-    """Begin a run in a folder, or find the same run there (then it goes on).
-
-    `former`: digests of the campaigns that the prior holds, see `campaigns_in`.
-    """
+    """Begin a run in a folder, or find the same run there (then it goes on)."""
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = require_settings(settings, usual_settings(effects_named(names)))
     Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
-    digest = campaign_sha256(campaign)
-    what = "the former result holds this telemetry already: it would count twice"
-    require(digest not in former, str(campaign), what, "give a campaign that is not in it")
     known = None if prior is None else prior.json()
-    run = Run(digest, names, drive, settings, kind, as_stated, noise, known, tuple(former))
+    digest = campaign_sha256(campaign)
+    run = Run(digest, names, drive, settings, kind, as_stated, noise, known)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         with working_in(folder):
@@ -150,15 +142,6 @@ def start(
             copy_campaign(campaign, folder / "campaign")
             owner.claim({"version": __version__, **origin(campaign)})
     return run
-
-
-def campaigns_in(source: Path) -> tuple[str, ...]:
-    """Digests of the campaigns that a former run holds, its own first; none of another file."""
-    folder = source.parent if source.name == "summary.json" else source
-    if not (folder / "run.json").is_file():
-        return ()
-    run = read_run(folder)
-    return (run.campaign_sha256, *run.former)
 
 
 def _with_prior(campaign: Campaign, prior: GaussianPrior | None) -> Campaign:

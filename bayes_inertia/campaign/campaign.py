@@ -148,6 +148,9 @@ class Campaign:
         for slew in self.slews:
             self._check_slew(slew)
             self._check_inputs(slew)
+            twice = self.prior is not None and slew.digest in self.prior.learnt_from
+            what = "the former result holds this telemetry already: it would count twice"
+            require(not twice, f"slews.{slew.name}", what, "give a campaign that is not in it")
 
     def _check_devices(self) -> None:
         for name, sensor in self.more_sensors:
@@ -231,6 +234,12 @@ class Campaign:
         advice = "name its columns under columns.rate, or leave the rate sensor out"
         require(slew.rate is not None, key, what, advice)
         _require_readings(np.asarray(slew.rate), sensor, key)
+
+    @property
+    def telemetry(self) -> dict[str, list[str]]:
+        """Digests of its slews ("own"), and of those that its prior was learnt from ("former")."""
+        former = [] if self.prior is None else list(self.prior.learnt_from)
+        return {"own": [slew.digest for slew in self.slews], "former": former}
 
     @property
     def sensors(self) -> dict[str, Any]:

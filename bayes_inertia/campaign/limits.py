@@ -38,6 +38,8 @@ class Limits:
     # To here a Gaussian has the 5, 50 and 95 % points of principal moments within 0.3 of their sds.
     sd_of_moments: float = 0.2
     sd_of_axes: float = 10.0  # [deg]
+    # Ends so many sds from the mean leave a ten-millionth of a prior: it is stated otherwise.
+    ends_from_mean: float = 5.0
 
     # Attitudes from directions: rows of a slew that are worked out, and their noise over that of
     # the worst direction (two of them 45 deg apart).

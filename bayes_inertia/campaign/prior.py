@@ -6,7 +6,7 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,9 @@ class GaussianPrior:
     includes_wheel_spin : bool, optional
         Whether its J holds the wheels' spin inertia (J_locked); a campaign that states the other
         takes it over. None: as `Campaign.inertia` says.
+    learnt_from : tuple of str, optional
+        `Slew.digest` of the slews that a former result knows it from: no campaign that holds one of
+        them takes it, since its telemetry would count twice.
 
     Raises
     ------
@@ -78,6 +81,7 @@ class GaussianPrior:
     logarithmic: tuple[str, ...] = ()
     beyond_sd: np.ndarray | None = None
     includes_wheel_spin: bool | None = None
+    learnt_from: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names, key = tuple(self.names), "prior"
@@ -86,7 +90,8 @@ class GaussianPrior:
             if value is not None:
                 object.__setattr__(self, field, numbers(value, f"{key}.{field}"))
         object.__setattr__(self, "names", names)
-        object.__setattr__(self, "logarithmic", tuple(self.logarithmic))
+        for field in ("logarithmic", "learnt_from"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
         k, advice = len(names), "give one number a name, and one covariance a pair"
         vectors = (self.mean, self.lower, self.upper, self.beyond_sd)
         fits = all(x is None or x.shape == (k,) for x in vectors)
@@ -109,7 +114,7 @@ class GaussianPrior:
         *,
         axes_B: ArrayLike | None = None,
         scale_factors: ArrayLike = (),
-        scale_factors_sd: ArrayLike = 0.03,
+        scale_factors_sd: ArrayLike | None = None,
     ) -> GaussianPrior:
         """Principal moments known to a factor, about axes known to an angle.
 
@@ -130,7 +135,7 @@ class GaussianPrior:
         scale_factors : sequence of float, optional
             Medians of K1, K2, ...; none to leave K as the campaign states it.
         scale_factors_sd : float or array, optional
-            Sd of their logarithms: as a fraction of each.
+            Sd of their logarithms: as a fraction of each; 0.03 if left out.
 
         Returns
         -------
@@ -156,6 +161,8 @@ class GaussianPrior:
         elements = _elements_of(medians, sds, np.radians(angle), axes)
         scale_factors = np.atleast_1d(numbers(scale_factors, "prior.scale_factors"))
         known = len(scale_factors)
+        what, advice = "there are no scale_factors that it belongs to", "give their medians, or 1"
+        require(known > 0 or scale_factors_sd is None, "prior.scale_factors_sd", what, advice)
         logarithmic: tuple[str, ...] = _MOMENTS
         names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
         covariance = np.zeros((6 + known, 6 + known))
@@ -163,7 +170,8 @@ class GaussianPrior:
         mean = elements.mean(0)
         if known:
             require(min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1")
-            of_K = one_an_axis(scale_factors_sd, known, "prior.scale_factors_sd")
+            sd = 0.03 if scale_factors_sd is None else scale_factors_sd
+            of_K = one_an_axis(sd, known, "prior.scale_factors_sd")
             covariance[6:, 6:] = np.diag(np.square(of_K))
             mean = np.concatenate([mean, np.log(scale_factors)])
             logarithmic = (*_MOMENTS, *names[6:])
@@ -175,6 +183,11 @@ class GaussianPrior:
         ordered = bool(np.all(np.less(low, high)))
         advice = "give lower < upper, infinite where there is no end"
         require(ordered, f"{key}.lower", "no value lies between lower and upper", advice)
+        nearest = np.abs(np.clip(self.mean, low, high) - self.mean) / self.sd
+        for name, away in zip(self.names, nearest.tolist(), strict=True):
+            what = f"the ends of {name} leave out its mean and {away:.0f} sds around it"
+            advice = "move the mean between them, or widen the covariance"
+            require(away <= LIMITS.ends_from_mean, key, what, advice)
         beyond = np.zeros(1) if self.beyond_sd is None else self.beyond_sd
         good = bool(np.isfinite(beyond).all() and (beyond >= 0.0).all())
         require(good, f"{key}.beyond_sd", "one is no sd", "give 0 or more")
@@ -260,11 +273,8 @@ class GaussianPrior:
         dict
             Names, and lists of numbers.
         """
-        keys = ("names", "mean", "covariance", "lower", "upper", "beyond_sd", "logarithmic")
-        stated = {key: value for key in keys if (value := getattr(self, key)) is not None}
-        spin = {"includes_wheel_spin": self.includes_wheel_spin}
-        known = {key: value for key, value in stated.items() if len(value)}
-        return json_ready(known | (spin if self.includes_wheel_spin is not None else {}))
+        stated = {field.name: getattr(self, field.name) for field in fields(self)}
+        return json_ready({key: x for key, x in stated.items() if x is not None and np.size(x)})
 
 
 def _require_principal(
@@ -318,6 +328,7 @@ def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
             logarithmic=tuple(content.get("logarithmic", ())),
             beyond_sd=content.get("beyond_sd"),
             includes_wheel_spin=content.get("includes_wheel_spin"),
+            learnt_from=tuple(content.get("learnt_from", ())),
             **ends,
         )
     except CampaignError as error:

@@ -14,6 +14,7 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import Vector, array_dataclass
+from bayes_inertia.sealing import sha256_of
 
 _EPOCH = np.datetime64(0, "s")
 # Columns of each channel; None: one a wheel, or one a sensor axis.
@@ -173,6 +174,13 @@ class Slew:
     def duration(self) -> float:
         """Time from the first to the last row [s]."""
         return float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of what its sensors read: the same telemetry in two campaigns is known by it."""
+        read = (self.time, self.rate, self.attitude, self.wheel_momentum)
+        arrays = (*read, *(self.more or {}).values())
+        return sha256_of(*(array.tobytes() for array in arrays if array is not None))[:16]
 
     @property
     def rate_steps(self) -> np.ndarray:

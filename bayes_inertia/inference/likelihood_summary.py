@@ -39,6 +39,8 @@ class LikelihoodSummary:
         Of that prior; None where its parameters were independent.
     is_scale_untied : bool
         Whether nothing in the campaign ties the size of J: only its ratios are told of.
+    learnt_from : tuple of str
+        `Slew.digest` of its slews; empty of older files.
     """
 
     campaign: str
@@ -48,6 +50,7 @@ class LikelihoodSummary:
     prior_sd: np.ndarray
     prior_correlation: np.ndarray | None = None
     is_scale_untied: bool = False
+    learnt_from: tuple[str, ...] = ()
 
     def whitened(self, first: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
         """The summary as data in units of another one's prior.
@@ -89,6 +92,7 @@ class LikelihoodSummary:
     def json(self) -> dict[str, Any]:
         """As it stands in a file: lists of numbers."""
         content: dict[str, Any] = {k: getattr(self, k) for k in ("campaign", "is_scale_untied")}
+        content["learnt_from"] = list(self.learnt_from)
         content |= {k: getattr(self, k).tolist() for k in _ARRAYS}
         if self.prior_correlation is not None:
             content["prior_correlation"] = self.prior_correlation.tolist()
@@ -135,11 +139,12 @@ def summary_of(
 
 def summary_from_json(content: Mapping[str, Any]) -> LikelihoodSummary:
     """The summary that `LikelihoodSummary.json` wrote."""
-    arrays = {key: np.array(content[key], dtype=float) for key in _ARRAYS}
+    arrays: dict[str, Any] = {key: np.array(content[key], dtype=float) for key in _ARRAYS}
     if content.get("prior_correlation") is not None:
         arrays["prior_correlation"] = np.array(content["prior_correlation"], dtype=float)
-    untied = bool(content.get("is_scale_untied", False))
-    return LikelihoodSummary(str(content["campaign"]), is_scale_untied=untied, **arrays)
+    arrays["is_scale_untied"] = bool(content.get("is_scale_untied", False))
+    arrays["learnt_from"] = tuple(content.get("learnt_from", ()))
+    return LikelihoodSummary(str(content["campaign"]), **arrays)
 
 
 def require_same_parameters(summaries: Sequence[LikelihoodSummary]) -> None:
@@ -169,7 +174,9 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=LIMITS.told_share**2)[0]
     mean = first.prior_mean + first.prior_sd * shift
     untied = all(summary.is_scale_untied for summary in summaries)
-    return replace(first, mean=mean, precision=precision, is_scale_untied=untied)
+    slews = tuple(digest for summary in summaries for digest in summary.learnt_from)
+    told = {"mean": mean, "precision": precision, "learnt_from": slews}
+    return replace(first, is_scale_untied=untied, **told)
 
 
 def p_value_of_same(summaries: Sequence[LikelihoodSummary]) -> float:

@@ -269,47 +269,64 @@ class Posterior:
         Where J changed during the campaign, it is the one after that. None where no sd can be
         quoted.
         """
-        widened = self._widened()
-        if widened is None:
+        quoted = self._quoted()
+        if quoted is None:
             return None
+        prior_mean, prior = self._at_the_end(*self._normal_prior)
+        prior_sd = np.sqrt(np.diag(prior))
+        correlated = "prior_correlation" in self.tree["estimate"]
+        correlation = prior / np.outer(prior_sd, prior_sd) if correlated else None
+        name = str(self.attributes.get("campaign"))
+        told = summary_of(name, *quoted, prior_mean, prior_sd, correlation)
+        own = self.attributes.get("telemetry", {}).get("own", ())
+        return replace(told, is_scale_untied=self.is_scale_untied, learnt_from=tuple(own))
+
+    @property
+    def _normal_prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (d,) and covariance (d, d) of the prior that counted beside the data."""
         estimate: Any = self.tree["estimate"]
         # Of a logarithmic prior the one that counted in the covariance; not in older files.
         own = "normal_" if "normal_prior_sd" in estimate else ""
         sd, correlation = np.array(estimate[f"{own}prior_sd"]), np.eye(len(self.names))
-        if correlated := "prior_correlation" in estimate:
+        if "prior_correlation" in estimate:
             correlation = np.array(estimate["prior_correlation"])
-        prior_mean, prior = self._at_the_end(
-            np.array(estimate[f"{own}prior_mean"]), correlation * np.outer(sd, sd)
-        )
-        prior_sd = np.sqrt(np.diag(prior))
-        mean, wider = widened
-        _, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
-        told = summary_of(
-            str(self.attributes.get("campaign")),
-            mean,
-            covariance * np.outer(wider, wider),
-            prior_mean,
-            prior_sd,
-            prior / np.outer(prior_sd, prior_sd) if correlated else None,
-        )
-        return replace(told, is_scale_untied=self.is_scale_untied)
+        return np.array(estimate[f"{own}prior_mean"]), correlation * np.outer(sd, sd)
 
-    def _widened(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """J and K as quoted (n,), and by how much the model's sds are widened for that (n,)."""
-        factor, theta, n = (
-            self.quoted_factor,
-            self.tree["estimate"]["theta"],
-            base_count(self.names),
+    @cached_property
+    def _widening(self) -> np.ndarray:
+        """What draws about their mean are multiplied by (d, d) to scatter as far as is quoted.
+
+        The data's information is divided by the square of the factor, the prior's is not: slews
+        say nothing of how wrong that is.
+        """
+        factor, covariance = (
+            self.quoted_factor or 1.0,
+            np.array(self.tree["estimate"]["covariance"]),
         )
-        if factor is None:
+        if factor == 1.0:
+            return np.eye(len(covariance))
+        # In units in which the prior is white.
+        root = np.linalg.cholesky(self._normal_prior[1])
+        shares, directions = np.linalg.eigh(
+            np.linalg.solve(root, np.linalg.solve(root, covariance).T)
+        )
+        wider = factor / np.sqrt(1.0 + np.clip(shares, 0.0, 1.0) * (factor**2 - 1.0))
+        return np.linalg.solve(root.T, ((directions * wider) @ directions.T).T @ root.T).T
+
+    def _quoted(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Mean (n,) and covariance (n, n) of J after its changes, and K, as quoted."""
+        if self.quoted_factor is None:
             return None
-        mean, wider = after_changes_of_J(self.names) @ np.array(theta), np.full(n, factor)
-        if self._is_averaged(self.names[0]):
-            # Along each parameter, as what is quoted.
-            low, middle, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
-            mean = middle + (mean - np.array(theta)[:n])
-            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
-        return mean, wider
+        estimate, n = self.tree["estimate"], base_count(self.names)
+        theta, covariance = np.array(estimate["theta"]), np.array(estimate["covariance"])
+        wider = self._widening @ covariance @ self._widening.T
+        mean, covariance = self._at_the_end(theta, wider)
+        if not self._is_averaged(self.names[0]):
+            return mean, covariance
+        # Along each parameter, as what is quoted.
+        low, middle, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
+        more = np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
+        return middle + (mean - theta[:n]), covariance * np.outer(more, more)
 
     def _at_the_end(self, mean: np.ndarray, covariance: Any) -> tuple[np.ndarray, np.ndarray]:
         """J after its changes, and K, (n,) and (n, n), from all parameters."""
@@ -326,20 +343,23 @@ class Posterior:
         sds does not move the next one, and is counted in what that quotes. Where J changed during
         the campaign, it is the one after that.
         """
-        widened = self._widened()
-        if widened is None:
+        quoted = self._quoted()
+        if quoted is None:
             return None
         estimate, names = self.tree["estimate"], tuple(self.names[: base_count(self.names)])
-        mean, wider = widened
         at, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
-        sums, sd = after_changes_of_J(self.names), np.sqrt(np.diag(covariance))
+        sums = after_changes_of_J(self.names)
         beyond = self._beyond(lambda theta: theta @ sums.T)
-        spin: dict[str, Any] = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
+        telemetry = self.attributes.get("telemetry", {})
+        known: dict[str, Any] = {
+            "includes_wheel_spin": self.attributes.get("includes_wheel_spin"),
+            "learnt_from": [*telemetry.get("own", ()), *telemetry.get("former", ())],
+        }
         if not self.trusted:
-            wider = covariance * np.outer(wider, wider)
-            return GaussianPrior(names, mean, wider, beyond_sd=beyond, **spin)
-        beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
-        return GaussianPrior(names, at, covariance, beyond_sd=beyond, **spin)
+            return GaussianPrior(names, *quoted, beyond_sd=beyond, **known)
+        more = np.diag(quoted[1] - covariance)
+        beyond = np.sqrt(beyond**2 + np.maximum(more, 0.0))
+        return GaussianPrior(names, at, covariance, beyond_sd=beyond, **known)
 
     @cached_property
     def _shifts(self) -> np.ndarray:
@@ -366,9 +386,13 @@ class Posterior:
             Without tensors that no body can have.
         """
         noise = np.random.default_rng(0).standard_normal((len(draws), len(self._shifts)))
-        more = (self.quoted_factor or 1.0) - 1.0
-        wider = draws + more * (draws - draws.mean(axis=0)) + noise @ self._shifts
+        wider = self._scattered(draws) + noise @ self._shifts
         return wider[inertia_tensor.is_physical(wider[:, :6])]
+
+    def _scattered(self, draws: np.ndarray) -> np.ndarray:
+        """Draws (n, d) as far from their mean as the slews scatter."""
+        more = self._widening - np.eye(len(self._widening))
+        return draws + (draws - draws.mean(axis=0)) @ more.T
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
@@ -455,13 +479,14 @@ class Posterior:
 
     def _rows(self, of: Callable[[np.ndarray], dict[str, np.ndarray]]) -> dict[str, Any]:
         """What summary.json says of numbers, by what they are of draws (n, d)."""
-        sampled, factor = of(self.samples), self.quoted_factor
+        sampled, wider = of(self.samples), of(self._scattered(self.samples))
         beyond = self._beyond(lambda draws: np.stack([*of(draws).values()], -1)).tolist()
         rows = {}
         for (name, draws), added in zip(of(self.averaged_samples).items(), beyond, strict=True):
             q05, q50, q95 = (float(q) for q in np.quantile(draws, _NINETY))
             quoted = None
-            if factor is not None and not self._is_size(name):
+            if self.quoted_factor is not None and not self._is_size(name):
+                factor = float(wider[name].std() / sampled[name].std())
                 quoted = factor * float(sd_of_interval(q05, q95))
                 # What a former result, taken as prior, adds.
                 quoted = float(np.hypot(quoted, added)) if added else quoted

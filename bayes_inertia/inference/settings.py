@@ -5,7 +5,7 @@ Where a fit comes from: what its result says about itself beside its numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -154,6 +154,8 @@ class FitContext:
         taken in this fit.
     verdict : str, optional
         Of the diagnosis: "consistent", "named", "ambiguous", "formula", "partial" or "unknown".
+    telemetry : mapping, optional
+        `Campaign.telemetry` before any treatment; None of the campaign that is fitted.
 
     Examples
     --------
@@ -164,6 +166,7 @@ class FitContext:
     campaign_sha256: str | None = None
     measured_noise: Mapping[str, float] | None = None
     verdict: str | None = None
+    telemetry: Mapping[str, Sequence[str]] | None = None
 
     def attributes(self) -> dict[str, Any]:
         """As attributes of the result.
@@ -171,11 +174,13 @@ class FitContext:
         Returns
         -------
         dict
-            `campaign_sha256`; `verdict` and `noise` after a diagnosis.
+            `campaign_sha256`; `telemetry`; `verdict` and `noise` after a diagnosis.
         """
         attributes: dict[str, Any] = {"campaign_sha256": self.campaign_sha256}
         if self.verdict is not None:
             attributes["verdict"] = self.verdict
         if self.measured_noise is not None:
             attributes["noise"] = dict(self.measured_noise)
+        if self.telemetry is not None:
+            attributes["telemetry"] = dict(self.telemetry)
         return attributes

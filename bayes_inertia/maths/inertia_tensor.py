@@ -185,7 +185,7 @@ def draw_physical(
     *,
     wheel_spin: np.ndarray | None = None,
     ends: tuple[AnyArray, AnyArray] = (-np.inf, np.inf),
-    rounds: int = 10_000,
+    rounds: int = 1000,
     where: str = "key inertia",
     advice: str = "reduce relative_sigma or product_sigma",
 ) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -189,7 +190,10 @@ class Model:
         """
         # One generator for all parameters and rounds: the same seed in each would tie them.
         rng, n = np.random.default_rng(rng), whole_number(n, "n")
-        return inertia_tensor.draw_physical(lambda count: self.space.draw(rng, count), n)
+        said: dict[str, Any] = {}
+        if self.campaign.prior is not None:
+            said = {"where": "key prior", "advice": "check mean, ends and what is logarithmic"}
+        return inertia_tensor.draw_physical(lambda count: self.space.draw(rng, count), n, **said)
 
     def predict(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Telemetry of the campaign's slews, were these the parameters; without noise.

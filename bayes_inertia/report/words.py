@@ -89,6 +89,7 @@ _KINDS = {
     "quantised": "rounding of the readings",
     "coloured": "noise that is correlated in time",
     "noise_level": "noise of another size than stated",
+    "stale_bias": "bias far from the stated one",
 }
 _CHANNELS = {
     **{stream.name: f"the {stream.sensor}" for stream in STREAMS},

@@ -135,7 +135,6 @@ def test_a_run_folder_of_version_0_1_is_read_and_goes_on(tmp_path):
         ("drive", "both"),
         ("effects", [1]),
         ("as_stated", "yes"),
-        ("former", "aa"),
     ],
 )
 def test_a_run_with_a_value_of_another_kind_is_refused_by_its_file(tmp_path, key, value):

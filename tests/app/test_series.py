@@ -144,14 +144,15 @@ def test_campaigns_of_free_bodies_say_whose_sds_these_are(untied, tmp_path, caps
 
 def test_the_same_telemetry_counts_once(runs, tmp_path, capsys):
     """Twice in a product of likelihoods, it would make every sd too small by a root of two."""
-    for folder in runs[:2]:
+    for folder, slews in zip(runs, (["1", "2"], ["2", "3"]), strict=False):
         content = json.loads((folder / "summary.json").read_text())
-        write_json(folder / "summary.json", sealed(content | {"campaign_sha256": "ab"}))
+        content["likelihood"] = content["likelihood"] | {"learnt_from": slews}
+        write_json(folder / "summary.json", sealed(content))
     assert call("history", *runs, "-o", tmp_path / "history") == 2
-    assert "the telemetry of a and b is the same and would count twice" in capsys.readouterr().err
+    assert "a and b hold the same telemetry, which would count twice" in capsys.readouterr().err
     assert call("history", *runs[1:], "-o", tmp_path / "history") == 0
-    told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
-    fits = fits_in(tmp_path / "fits", {"one/a": told, "other/a": told}, sha256=["ab", "ab"])
+    told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json() | {"learnt_from": ["1"]}
+    fits = fits_in(tmp_path / "fits", {"one/a": told, "other/a": told})
     assert call("fleet", fits, "-o", tmp_path / "fleet") == 2
     assert "one/a and other/a" in capsys.readouterr().err
 

@@ -252,3 +252,17 @@ def test_a_result_with_the_wheels_spin_is_taken_over_by_a_campaign_without_it(tm
     assert bi.prior_in(run_with(tmp_path / "again", {"as_prior": taken.json()})) == taken
     with pytest.raises(bi.CampaignError, match="spin inertia otherwise"):
         replace(small, prior=replace(known, logarithmic=("Jxx",)))
+
+
+def test_a_prior_that_no_body_can_meet_is_refused_by_its_own_name():
+    with pytest.raises(bi.CampaignError, match=r"key prior: the ends of Jxx leave out its mean"):
+        bi.GaussianPrior(("Jxx",), [3.0], [[0.01]], lower=[100.0])
+    # A logarithm that was forgotten.
+    prior = bi.GaussianPrior(("Jxx",), [3.0], [[0.01]], logarithmic=("Jxx",))
+    with pytest.raises(bi.CampaignError, match=r"key prior: hardly any draw .*logarithmic"):
+        bi.Model(replace(small_campaign(), prior=prior)).draw_prior(1, 5)
+
+
+def test_sds_of_scale_factors_without_their_medians_are_refused():
+    with pytest.raises(bi.CampaignError, match=r"prior\.scale_factors_sd: there are no scale_fac"):
+        bi.GaussianPrior.of_principal_moments([3.3, 2.2, 1.6], 0.05, 2.0, scale_factors_sd=1e-4)

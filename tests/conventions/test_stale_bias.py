@@ -16,6 +16,7 @@ from bayes_inertia.conventions.laws import Misfits
 from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import stated_reading
 from bayes_inertia.conventions.search import with_own_bias
+from bayes_inertia.report.words import dirt_sentences
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # Share of the largest rate, and of each axis of it.
@@ -62,6 +63,8 @@ def test_a_stale_bias_alone_is_a_fault_and_no_wrong_convention(stale, bias, trac
     assert (check.verdict, keys, dirt) == ("consistent", set(), ["stale_bias"])
     assert max(check.misfits.values()) < 1.0
     assert "stale" in check.sentence
+    (told,) = dirt_sentences(check.dirt)
+    assert told.startswith("Bias far from the stated one of the rate sensor")
     misfits = Misfits(stale, sampled(stale))
     stated = stated_reading(stale)
     assert with_own_bias(misfits, stated).bias_B == pytest.approx(bias, rel=0.1)

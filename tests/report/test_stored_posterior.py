@@ -120,6 +120,28 @@ def test_likelihood_and_prior_make_the_quoted_posterior(made):
         assert np.sqrt(covariance[k, k]) == pytest.approx(quoted, rel=0.15)
 
 
+def test_slews_that_disagree_widen_what_they_tell_and_not_the_prior(made):
+    posterior = made("good")
+    plain, estimate = posterior.likelihood, posterior.tree["estimate"]
+    # Jzz and what it goes along with as its prior has it: the data tell nothing of it.
+    covariance = estimate["covariance"].values.copy()
+    covariance[2], covariance[:, 2] = 0.0, 0.0
+    covariance[2, 2] = float(estimate["prior_sd"][2]) ** 2
+    attributes = posterior.attributes
+    attributes["fit"]["dispersion"] = {"factor": 2.0}
+    tree = posterior.tree.copy(deep=True)
+    tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    tree["estimate"]["covariance"].values[:] = covariance
+    wider = Posterior(tree)
+    rows, before = wider.summary()["parameters"], posterior.summary()["parameters"]
+    assert rows["Jzz"]["quoted_sd"] == pytest.approx(before["Jzz"]["quoted_sd"], rel=1e-6)
+    assert rows["Jxx"]["quoted_sd"] == pytest.approx(2.0 * before["Jxx"]["quoted_sd"], rel=0.01)
+    told = np.delete(np.arange(9), 2)
+    ratio = np.diag(plain.precision)[told] / np.diag(wider.likelihood.precision)[told]
+    assert ratio == pytest.approx(4.0, rel=0.05)
+    assert wider.likelihood.precision[2, 2] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_refused_result_passes_nothing_on(made):
     assert made("thrown").summary()["likelihood"] is None
 

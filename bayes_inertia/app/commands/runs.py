@@ -88,12 +88,11 @@ def _run(
 
 
 def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
-    """The prior of a run, and the campaigns that it holds; none without a former result."""
-    from bayes_inertia.app.run_folder import campaigns_in
+    """The prior of a run; none without a former result."""
     from bayes_inertia.campaign.prior import prior_in
 
     if former is not None:
-        return {"prior": prior_in(former).inflated(inflate), "former": campaigns_in(former)}
+        return {"prior": prior_in(former).inflated(inflate)}
     what = "there is no former result to inflate"
     advice = "add --prior RUN, or state wider sigmas in campaign.toml"
     require(not inflate, "--inflate", what, advice, error=SettingsError)
