@@ -29,6 +29,7 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import re_estimate, without_effects
+from bayes_inertia.maths.inertia_tensor import tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode, candidates_in
@@ -143,7 +144,9 @@ def theta_with_mode(estimate: Estimate, mode: FlexibleModeCandidate) -> np.ndarr
     part, theta = space.slice_of(mode.name), estimate.theta.copy()
     coupling, frequency = slice(part.start, part.start + 3), part.start + 3
     largest = LIMITS.largest_amplitude
-    theta[coupling] = np.clip(mode.coupling, -largest, largest) * space.sd[coupling]
+    delta = np.clip(mode.coupling, -largest, largest) * space.sd[coupling]
+    share = delta @ np.linalg.solve(np.asarray(tensor(theta[:6])), delta)
+    theta[coupling] = delta * min(1.0, np.sqrt(LIMITS.largest_appendage / max(share, 1e-300)))
     theta[frequency] = mode.frequency
     return theta
 

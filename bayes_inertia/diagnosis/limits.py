@@ -175,6 +175,9 @@ class Limits:
     # Flexible mode
     # Damping ratio of the modes tried: of bare metal; a fit finds its own.
     damping_ratio: float = 0.005
+    # Share of the body's inertia that a mode begins with at most: with all of it nothing is left
+    # that turns.
+    largest_appendage: float = 0.5
     # Frequencies tried at most, to save time.
     frequencies: int = 320
     # Filters kept: of all frequencies, for four lengths of slews.

@@ -50,6 +50,8 @@ class Limits:
     # until one has not.
     lost_reduced_chi2: float = 1e3
     most_starts: int = 12
+    # So often a beginning without finite telemetry is brought half way back to where it has one.
+    halvings: int = 20
     # Ends of gentle descents nearer than this [prior sd] are one; those whose objective is this
     # much above the best are not followed.
     same_place_sd: float = 0.1

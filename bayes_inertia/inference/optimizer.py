@@ -36,7 +36,7 @@ from bayes_inertia.inference.noise_model import (
     of_densities,
     whitening,
 )
-from bayes_inertia.inference.objective import normal_equations
+from bayes_inertia.inference.objective import negative_log_posterior, normal_equations
 from bayes_inertia.inference.residual_tests import dispersion, effective_parameters, residual_series
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse
@@ -164,8 +164,8 @@ def re_estimate(
     `theta` (d,); `free` (f,). `weak_data_first`: guess the nuisances afresh and descend with the
     data counted weakly first, which finds the way out of a local optimum.
     """
-    model, discount = previous.model, previous.discount
-    point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
+    model, discount, free = previous.model, previous.discount, np.asarray(free)
+    point = _with_telemetry(previous, np.asarray(theta, float))
     if weak_data_first:
         white = discounted(whitening(model, point.theta), LIMITS.gentle_weight * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
@@ -173,6 +173,16 @@ def re_estimate(
         point, _ = descend(model, guess, white, shaped, **LIMITS.gentle_stop)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
     return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
+
+
+def _with_telemetry(previous: Estimate, theta: np.ndarray) -> Point:
+    """The point of theta (d,), or the nearest towards an earlier estimate that predicts numbers."""
+    point, model, back = previous.point, previous.model, theta - previous.theta
+    for halvings in range(LIMITS.halvings):
+        at = replace(point, theta=theta if not halvings else previous.theta + back / 2**halvings)
+        if np.isfinite(negative_log_posterior(model, at, previous.white)):
+            return at
+    return point
 
 
 def without_effects(

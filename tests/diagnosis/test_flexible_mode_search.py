@@ -1,6 +1,7 @@
 """A planted mode comes back as it was, and noise alone gains what its p-value says."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from bayes_inertia.diagnosis.candidates import (
     best_flexible_mode,
     frequencies,
     restarted_with_mode,
+    theta_with_mode,
 )
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.flight.mission import most_like_mission
@@ -18,8 +20,10 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 # A coupling so large that every frequency is seen: where a mode is invisible the p-value is only
 # the safer.
@@ -83,6 +87,17 @@ def test_noise_gains_what_the_p_value_says(searched):
     assert sum(p_value(f) < 0.5 for f in found) >= stats.binom.ppf(0.001, n, 0.25)
     # Where nothing is seen a mode is less probable than beforehand, by sizes that would be seen.
     assert all(0.1 < f.elsewhere < 1.0 for f in found)
+
+
+def test_a_mode_begins_with_no_more_inertia_than_half_the_body_has():
+    """With all of it nothing is left that turns, and a flight from there has no numbers."""
+    model = Model(small_campaign(), (FlexibleMode(),))
+    at = SimpleNamespace(model=model, theta=model.expected)
+    strong = SimpleNamespace(name=NAME, coupling=np.array([-9.0, 0.0, 30.0]), frequency=0.3)
+    theta = theta_with_mode(at, strong)
+    rest = inertia_tensor.tensor(theta[:6]) - np.outer(theta[9:12], theta[9:12])
+    assert np.linalg.eigvalsh(rest)[0] > 0.3 * theta[:3].min()
+    assert theta[9] < 0.0 < theta[11]
 
 
 @pytest.mark.long

@@ -14,7 +14,13 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import Information, Point, information_blocks
 from bayes_inertia.inference.noise_model import discounted, whitening
-from bayes_inertia.inference.optimizer import distinct_optima, estimate, move_to, resumed
+from bayes_inertia.inference.optimizer import (
+    distinct_optima,
+    estimate,
+    move_to,
+    re_estimate,
+    resumed,
+)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import TorqueNoise, by_name
 from bayes_inertia.physics.forward_model import Model
@@ -55,6 +61,14 @@ def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_d
     )
     assert [count for _, count in kept] == [2, 1]
     assert kept[1][0] is there
+
+
+def test_a_fit_that_begins_where_no_telemetry_is_finite_is_brought_back(fitted):
+    theta = fitted.theta.copy()
+    theta[:6] = [1.0, 1.0, 9.0, 0.0, 0.0, 0.0]  # of no body
+    again = re_estimate(fitted, theta, fitted.free)
+    assert np.isfinite(again.hessian).all()
+    assert again.objective == pytest.approx(fitted.objective, abs=1e-3)
 
 
 def test_at_the_optimum_no_direction_goes_down(fitted):
