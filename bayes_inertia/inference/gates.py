@@ -316,10 +316,10 @@ def _cause_of_contradiction(estimate: Estimate, worst: int) -> str:
     causes = [c for c, f in on_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
     causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]
     if causes:
-        return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"
+        return f"This is what {' or '.join(causes)} would do: check the units in the campaign"
     return (
-        "A wrong unit, sign or axis in campaign.toml would explain it (see `bayes-inertia doctor`),"
-        " or a prior that is too narrow"
+        "A wrong unit, sign or axis in the campaign would explain it (see `bayes-inertia doctor`), "
+        "or a prior that is too narrow"
     )
 
 

@@ -11,6 +11,7 @@ diagnosis also `averaged`: J, K and principal moments, whichever effect of the s
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -27,7 +28,7 @@ from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summar
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
+from bayes_inertia.maths.printed import NOT_GIVEN, Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import after_changes_of_J, base_count
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
@@ -92,7 +93,7 @@ def _card(posterior: Posterior) -> Card:
         # An sd of the size of J would be the prior's.
         told = summary["ratios"] | {n: p for n, p in told.items() if n not in ELEMENTS}
     quoted = {
-        name: (p["mean"], p["sd"] if p["quoted_sd"] is None else p["quoted_sd"])
+        name: (p["mean"], math.nan if p["quoted_sd"] is None else p["quoted_sd"])
         for name, p in told.items()
     }
     lines = (
@@ -104,13 +105,12 @@ def _card(posterior: Posterior) -> Card:
             name,
             parameter_text(name, *quoted[name], p["unit"]),
             f"{p['prior_sd']:.2g}",
-            "yes" if p.get("observable", True) else "no",
+            # What is wrong with a refused fit may pass for that.
+            NOT_GIVEN if p["quoted_sd"] is None else "yes" if p.get("observable", True) else "no",
         )
         for name, p in told.items()
     )
-    # Without a number to quote the model's own sds are shown, and called that.
-    name = "sd" if posterior.quoted_factor is None else "quoted sd"
-    return Card(lines, ("parameter", f"mean ± {name}", "prior sd", "determined"), rows)
+    return Card(lines, ("parameter", "mean ± quoted sd", "prior sd", "determined"), rows)
 
 
 @shown_as(_card)

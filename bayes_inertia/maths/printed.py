@@ -34,14 +34,17 @@ def exponent(mean: float, sd: float) -> int:
 def number(value: float, sd: float, power: int = 0) -> str:
     """A value, rounded where its uncertainty has its second digit.
 
-    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed.
+    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed. What is
+    not finite is a dash.
 
     Examples
     --------
     >>> number(3.3311733, 0.000196), number(0.0016886, 1.4e-5, -3), number(1234.5, 200.0)
     ('3.33117', '1.689', '1230')
     """
-    if not (math.isfinite(value) and sd > 0 and math.isfinite(sd)):
+    if not math.isfinite(value):
+        return NOT_GIVEN
+    if not (sd > 0 and math.isfinite(sd)):
         return f"{value / 10.0**power:.4g}"
     decimals = 1 - math.floor(math.log10(sd / 10.0**power))
     rounded = round(value / 10.0**power, decimals) + 0.0  # no minus before a zero
@@ -168,7 +171,7 @@ def shown_as[T: type](card: Callable[[Any], Card]) -> Callable[[T], T]:
 def parameter_lines(values: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
     """J and K in two lines.
 
-    `values`: {name: (mean, sd)}; an sd that is not finite is not printed.
+    `values`: {name: (mean, sd)}; an sd that is not finite is a dash.
 
     Examples
     --------
@@ -195,4 +198,4 @@ def parameter_text(name: str, mean: float, sd: float, unit: str) -> str:
 
 def _with_sd(mean: float, sd: float) -> str:
     """A value and its sd."""
-    return f"{number(mean, sd)} ± {number(sd, sd)}" if math.isfinite(sd) else number(mean, sd)
+    return f"{number(mean, sd)} ± {number(sd, sd)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -182,6 +183,14 @@ def test_where_nothing_ties_the_size_of_the_tensor_it_shows_ratios(made):
     assert "Jxx/trace" in shown
     assert "kg m²" not in shown
     assert "K1 " in shown
+
+
+def test_a_refused_result_shows_no_sd(made):
+    posterior = made("thrown")
+    assert "± –" in repr(posterior)
+    for text in (repr(posterior), posterior._repr_html_()):
+        assert not re.search(r"± \d", text)
+    assert "<td>yes</td>" not in posterior._repr_html_()
 
 
 @pytest.fixture
