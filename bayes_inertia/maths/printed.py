@@ -34,8 +34,8 @@ def exponent(mean: float, sd: float) -> int:
 def number(value: float, sd: float, power: int = 0) -> str:
     """A value, rounded where its uncertainty has its second digit.
 
-    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed. What is
-    not finite is a dash.
+    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed. A
+    value that is not finite is a dash.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def number(value: float, sd: float, power: int = 0) -> str:
     if not math.isfinite(value):
         return NOT_GIVEN
     if not (sd > 0 and math.isfinite(sd)):
-        return f"{value / 10.0**power:.4g}"
+        return with_minus_sign(f"{value / 10.0**power:.4g}")
     decimals = 1 - math.floor(math.log10(sd / 10.0**power))
     rounded = round(value / 10.0**power, decimals) + 0.0  # no minus before a zero
     return with_minus_sign(f"{rounded:.{max(0, decimals)}f}")

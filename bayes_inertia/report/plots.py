@@ -17,7 +17,7 @@ from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.diagnosis import candidates_panel
 from bayes_inertia.report.pictures.observability import sd_panel
-from bayes_inertia.report.pictures.pairs import pairs_panel, prior_panel
+from bayes_inertia.report.pictures.pairs import most_correlated, pairs_panel, prior_panel
 from bayes_inertia.report.pictures.telemetry import attitude_panel, rate_panel, residual_panel
 
 if TYPE_CHECKING:
@@ -142,25 +142,37 @@ def plot_prior(posterior: Posterior, name: str | int, *, ax: Axes | None = None)
 
 
 @_on_axes
-def plot_pairs(posterior: Posterior, *, max_parameters: int = 16, ax: Axes | None = None) -> Axes:
+def plot_pairs(
+    posterior: Posterior,
+    names: Sequence[str | int] = (),
+    *,
+    max_parameters: int = 16,
+    ax: Axes | None = None,
+) -> Axes:
     """What goes along with what.
 
     Parameters
     ----------
     posterior : Posterior
         Of a fit.
+    names : sequence of str or int, optional
+        Of the parameters, or their numbers from 0; empty for all.
     max_parameters : int, optional
-        Of more parameters those with the strongest correlations are drawn.
+        Of more parameters than this those with the strongest correlations are drawn, if none is
+        named.
     ax : matplotlib.axes.Axes, optional
         Where to draw; None for a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        One cell a pair: density and 90 % ellipse below the diagonal, correlation above.
+        One cell a pair: density and 90 % ellipse below the diagonal, correlation above. Beside each
+        row stands where its cells end, 3.4 sd on both sides of the mean.
     """
+    wanted = [names] if isinstance(names, str) else names
+    shown = [_index(posterior.names, name, "names") for name in wanted]
     assert ax is not None
-    pairs_panel(ax, posterior, max_parameters)
+    pairs_panel(ax, posterior, shown or most_correlated(posterior, max_parameters))
     return ax
 
 
@@ -189,6 +201,7 @@ def plot_rates(posterior: Posterior, slew: int | str = 0, *, ax: Axes | None = N
     assert ax is not None
     rate_panel(ax, channel, s, scale)
     ax.set(xlabel="time in slew [s]", ylabel=scale.label)
+    ax.legend(handles=style.component_lines(channel.components))
     return ax
 
 
@@ -220,6 +233,7 @@ def plot_residuals(
     residual_panel(ax, series, s)
     ax.set(xlabel="time in slew [s]", ylabel=f"{channel} residual [σ]")
     ax.set_title(series.slews[s])
+    ax.legend(handles=style.component_marks(series.components))
     return ax
 
 
@@ -250,6 +264,7 @@ def plot_attitude(posterior: Posterior, *, after: bool = True, ax: Axes | None =
     attitude_panel(ax, values, misfit.slews, label_slews=True)
     ax.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0.5)
     ax.set(ylabel="misfit [arcsec]", title=misfit.sides[after])
+    ax.legend(handles=style.component_marks("xyz", "about body "))
     return ax
 
 

@@ -12,6 +12,7 @@ from bayes_inertia.observability.analysis import observe
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.plots import plot_candidates
 
+BASE = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
 OF_POSTERIOR = {
     "plot_attitude": {},
     "plot_pairs": {},
@@ -31,6 +32,33 @@ def test_plots_draw_on_the_axes_they_are_given(posteriors, name):
     assert axes.has_data() or axes.texts
     assert figure.axes == [axes]
     assert dict(rcParams) == before
+
+
+@pytest.mark.parametrize("kind", ["good", "many_effects"])
+def test_labels_of_pairs_tell_ends_of_cells_and_are_not_cut(posteriors, kind):
+    figure = Figure()
+    axes = bi.plot_pairs(posteriors[kind], ax=figure.subplots())
+    for text in axes.texts:
+        box = text.get_window_extent()
+        assert min(box.x0, box.y0) >= 0
+        assert box.x1 <= figure.bbox.width
+        assert box.y1 <= figure.bbox.height
+    labels = [text.get_text() for text in axes.texts]
+    assert not any("±" in label for label in labels)
+    assert "name [unit]\nends of the cells" in labels
+
+
+def test_pairs_may_be_named(posteriors):
+    posterior, every = posteriors["good"], range(len(BASE))
+    for names, shown in ((["K1", 0], ["K1", "Jxx"]), ("Jxy", ["Jxy"]), (every, BASE)):
+        axes = bi.plot_pairs(posterior, names, ax=Figure().subplots())
+        assert [t.get_text() for t in axes.texts if t.get_text() in BASE] == list(shown)
+
+
+@pytest.mark.parametrize("name", ["plot_attitude", "plot_rates", "plot_residuals"])
+def test_a_plot_of_several_axes_names_them(posteriors, name):
+    legend = getattr(bi, name)(posteriors["good"], ax=Figure().subplots()).get_legend()
+    assert len(legend.get_texts()) == 3
 
 
 def test_without_axes_a_new_figure_is_made(posteriors):
@@ -86,6 +114,7 @@ def test_numbers_from_0_may_stand_for_names_also_those_of_numpy(posteriors):
     ("name", "settings", "says"),
     [
         ("plot_prior", {"name": "Jzx"}, "there is no 'Jzx'"),
+        ("plot_pairs", {"names": ["Jxx", "Jzx"]}, "there is no 'Jzx'"),
         ("plot_rates", {"slew": "slew 9"}, "there is no 'slew 9'"),
         ("plot_residuals", {"channel": "gyro_2"}, "the fit predicts no gyro_2"),
     ],

@@ -5,6 +5,7 @@ All pairs stand in one axes, so that it is quick.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from scipy.ndimage import gaussian_filter
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import sd_in_print, sharpened
 from bayes_inertia.report.formatting import (
-    brief,
     common_exponents,
     number,
     unit_text,
@@ -35,23 +35,21 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     d = min(len(posterior.names), max_parameters)
     size = min(style.WIDTH, 2.6 + 0.72 * d)
     figure = Figure(figsize=(size, size * 0.98))
-    bottom = 0.05 if d <= LAYOUT.most_upright_labels else 0.09
-    pairs_panel(figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom)), posterior, max_parameters)
+    axes = figure.add_axes((0.01, 0.01, 0.98, 0.94))
+    pairs_panel(axes, posterior, most_correlated(posterior, max_parameters))
     handles = [
         Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
         style.mark("90 % (model)", style.BLUE, ls="-"),
     ]
     style.legend(figure, handles, loc="upper right", bbox_to_anchor=None)
-    figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
     return figure
 
 
-def pairs_panel(axes: Axes, posterior: Posterior, max_parameters: int) -> None:
-    """All pairs in one axes."""
+def pairs_panel(axes: Axes, posterior: Posterior, shown: Sequence[int]) -> None:
+    """All pairs of the parameters of these indices in one axes, labels included."""
     # Where nothing ties the size of J, what is told of pairs is told at one size.
-    index = _chosen(posterior.sized_samples, max_parameters)
-    draws = posterior.sized_samples[:, index]
-    names = [posterior.names[i] for i in index]
+    draws = posterior.sized_samples[:, shown]
+    names = [posterior.names[i] for i in shown]
     half = LAYOUT.cell_half_width_sd * draws.std(0, ddof=1)
     z = (draws - draws.mean(0)) / half
     d = len(names)
@@ -60,17 +58,17 @@ def pairs_panel(axes: Axes, posterior: Posterior, max_parameters: int) -> None:
     correlation = np.atleast_2d(np.corrcoef(draws.T))
     _ellipses(axes, correlation)
     _correlations(axes, correlation)
-    _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
-    axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
+    left, below = _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
+    axes.set(xlim=(-left, d + 0.02), ylim=(d + below, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
 
 
-def _chosen(samples: np.ndarray, max_parameters: int) -> list[int]:
-    """Indices of the parameters that are shown, in their order."""
-    d = samples.shape[1]
+def most_correlated(posterior: Posterior, max_parameters: int) -> list[int]:
+    """Indices of the parameters with the strongest correlations, in their order."""
+    d = len(posterior.names)
     if d <= max_parameters:
         return list(range(d))
-    strength = np.abs(np.corrcoef(samples.T) - np.eye(d)).max(0)
+    strength = np.abs(np.corrcoef(posterior.sized_samples.T) - np.eye(d)).max(0)
     return sorted(np.argsort(-strength, kind="stable")[:max_parameters].tolist())
 
 
@@ -184,9 +182,9 @@ def _row_labels(
     labels = []
     for name, unit, middle, width in zip(names, units, mean, half, strict=True):
         scale = 10.0 ** powers[name]
-        spanned = f"{number(middle / scale, width / scale)} ± {brief(width / scale, 1)}"
+        ends = [number(end / scale, width / scale) for end in (middle - width, middle + width)]
         shown = unit_text(unit, powers[name])
-        labels.append(f"{_broken(name)} [{shown}]\n{spanned}")
+        labels.append(f"{_broken(name)} [{shown}]\n{' to '.join(ends)}")
     return labels
 
 
@@ -194,16 +192,26 @@ def _broken(name: str) -> str:
     return name.replace(".", "\n")
 
 
-def _labels(axes: Axes, names: list[str], row_labels: list[str]) -> None:
-    """Names below; left also the units, and what the cells span."""
+def _labels(axes: Axes, names: list[str], row_labels: list[str]) -> list[float]:
+    """Names below; left also the units, and what the cells span.
+
+    Returns: the room [cells] that they take inside the axes, left and below.
+    """
     d = len(names)
     place: dict[str, Any] = (
         {"rotation": 45, "ha": "right"} if d > LAYOUT.most_upright_labels else {"ha": "center"}
     )
     small: dict[str, Any] = {"fontsize": 7.5, "clip_on": False}
+    left, below = (
+        [axes.text(-0.06, -0.04, "name [unit]\nends of the cells", ha="right", **small)],
+        [],
+    )
     for i, (name, label) in enumerate(zip(names, row_labels, strict=True)):
-        axes.text(-0.06, i + 0.5, label, ha="right", va="center", **small)
-        axes.text(i + 0.5, d + 0.06, _broken(name), va="top", **small, **place)
+        left.append(axes.text(-0.06, i + 0.5, label, ha="right", va="center", **small))
+        below.append(axes.text(i + 0.5, d + 0.06, _broken(name), va="top", **small, **place))
+    width = max(text.get_window_extent().width for text in left) / axes.bbox.width
+    height = max(text.get_window_extent().height for text in below) / axes.bbox.height
+    return [0.1 + d * share / max(1.0 - share, 0.3) for share in (width, height)]
 
 
 @style.styled
