@@ -52,6 +52,11 @@ def shown(campaign, estimate, diagnosis, design):
         "Diagnosis": diagnosis,
         "Design": design,
         "Observability": bi.observe(estimate),
+        "Model": estimate.model,
+        "LogDensity": bi.log_density(estimate),
+        "GaussianPrior": bi.GaussianPrior.of_principal_moments([3.3, 2.2, 1.8], 0.05, 2.0),
+        "Plan": bi.paper_like_plan(),
+        "Mission": bi.Mission.of(campaign),
     }
 
 
@@ -64,6 +69,11 @@ def shown(campaign, estimate, diagnosis, design):
         ("Diagnosis", "<td>97.0%</td>"),
         ("Design", "<th>angle [deg]</th>"),
         ("Observability", "<td>determined</td>"),
+        ("Model", "<td>Jyz</td>"),
+        ("LogDensity", "<td>Jyz</td>"),
+        ("GaussianPrior", "<td>log Jyy</td>"),
+        ("Plan", "<th>angle [deg]</th>"),
+        ("Mission", "<th>as it is</th>"),
     ],
 )
 def test_an_object_prints_in_three_lines_and_as_a_table(shown, name, cell):

@@ -44,6 +44,7 @@ from bayes_inertia.inference.settings import (
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
+from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
@@ -202,6 +203,15 @@ def _import_all(names: tuple[str, ...]) -> None:
             import_module(name)
 
 
+def _card(density: LogDensity) -> Card:
+    """Its parameters, and where it is largest."""
+    at, sd = density.mean, np.sqrt(np.diag(density.covariance))
+    first = f"LogDensity of {density.estimate.model.campaign.name}: {', '.join(density.names)}"
+    values = zip(density.names, density.units, at, sd, strict=True)
+    return parameter_card(first, "largest at ± sd", values)
+
+
+@shown_as(_card)
 @array_dataclass
 class LogDensity:
     """Log posterior density of J, K and the parameters of effects, nuisances integrated out.
@@ -227,10 +237,6 @@ class LogDensity:
     """
 
     estimate: Estimate
-
-    def __repr__(self) -> str:
-        names = ", ".join(self.names)
-        return f"LogDensity of {self.estimate.model.campaign.name}: {names}"
 
     @property
     def names(self) -> tuple[str, ...]:

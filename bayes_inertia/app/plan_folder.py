@@ -73,7 +73,7 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
 def plan_sha256(plan: Plan) -> str:
     """Digest of a plan: two plans of one digest are flown alike."""
-    return sha256_of(repr(plan))
+    return sha256_of(repr(asdict(plan)))
 
 
 _ACHIEVED_KEYS = ("achieved_sd", "achieved_sd_standard_error", "stated_sd")

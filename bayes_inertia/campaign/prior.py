@@ -18,6 +18,7 @@ from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, requi
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import path_of
+from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import array_dataclass, json_ready
 from bayes_inertia.sealing import read_sealed_json
@@ -29,6 +30,18 @@ COPY_FILE = "prior.json"
 _MOMENTS = ("Jxx", "Jyy", "Jzz")
 
 
+def _card(prior: GaussianPrior) -> Card:
+    """What it says of each parameter, or of its logarithm; correlations are left out."""
+    values = (
+        (f"log {name}", "", mean, sd)
+        if name in prior.logarithmic
+        else (name, "kg m^2" if name in ELEMENTS else "", mean, sd)
+        for name, mean, sd in zip(prior.names, prior.mean, prior.sd, strict=True)
+    )
+    return parameter_card(f"GaussianPrior of {', '.join(prior.names)}", "mean ± sd", values)
+
+
+@shown_as(_card)
 @array_dataclass
 class GaussianPrior:
     """J and K before a campaign, with what goes along with what.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bayes_inertia.design.goals import GOALS, Goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits
-from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan import Plan, slews_card
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
 
 
@@ -21,17 +21,7 @@ def _card(design: Design) -> Card:
         f"Design of {len(plan.slews)} slews for {design.goal}: {value}, limits {limits}",
         f"{design.gain:.2g} times better than slews like the paper's in the same time",
     )
-    rows = tuple(
-        (
-            str(k),
-            ", ".join(f"{x:.3f}" for x in row["axis_B"]),
-            f"{row['angle_deg']:.1f}",
-            f"{row['rate_deg_s']:.3g}",
-            f"{row['duration_s']:.4g}",
-        )
-        for k, row in enumerate(plan.slew_rows(), 1)
-    )
-    return Card(lines, ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
+    return replace(slews_card(plan), lines=lines)
 
 
 @shown_as(_card)

@@ -39,6 +39,7 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.packing import bridged
@@ -308,6 +309,17 @@ def _rotation(slew: Slew, rate_B: np.ndarray | None) -> Rotation | None:
     return reduce(operator.mul, Rotation.from_rotvec(steps), Rotation.identity())
 
 
+def _card(mission: Mission) -> Card:
+    """What it flies with, and J and K before flight and as they are."""
+    space, craft = mission.base, mission.spacecraft
+    first = (
+        f"Mission of {len(craft.wheels)} wheels and {len(craft.effects)} effects, before flight:"
+    )
+    values = zip(space.names, space.units, space.mean, space.sd, strict=True)
+    return parameter_card(first, "before flight", values, **{"as it is": mission.theta})
+
+
+@shown_as(_card)
 @dataclass(frozen=True)
 class Mission:
     """A spacecraft, and what was known of its inertia tensor before flight.

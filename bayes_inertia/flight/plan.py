@@ -30,6 +30,7 @@ from bayes_inertia.campaign.hardware import (
 )
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import Vector
 
 Profile = Literal["trapezoid", "smooth"]
@@ -161,6 +162,23 @@ class PlannedSlew:
         return self.angle / peak + factor * peak / self.acceleration
 
 
+def slews_card(plan: Plan) -> Card:
+    """How long it takes, and the slews to fly."""
+    rows = tuple(
+        (
+            str(k),
+            ", ".join(f"{x:.3f}" for x in row["axis_B"]),
+            f"{row['angle_deg']:.1f}",
+            f"{row['rate_deg_s']:.3g}",
+            f"{row['duration_s']:.4g}",
+        )
+        for k, row in enumerate(plan.slew_rows(), 1)
+    )
+    first = f"Plan {plan.name}: {len(rows)} slews in {plan.starts[-1] + plan.durations[-1]:.4g} s"
+    return Card((first,), ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
+
+
+@shown_as(slews_card)
 @dataclass(frozen=True)
 class Plan:
     """A campaign to be flown.

@@ -36,7 +36,7 @@ from bayes_inertia.inference.slew_shares import SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
-from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
+from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -61,18 +61,11 @@ class Starts(NamedTuple):
 def _card(estimate: Estimate) -> Card:
     """The maximum with its sds, and whether the model explains the data."""
     space, total = estimate.model.space, estimate.tests["total"]
-    values = list(zip(space.names, space.units, estimate.theta, estimate.sd, space.sd, strict=True))
+    values = zip(space.names, space.units, estimate.theta, estimate.sd, strict=True)
     found, tried = estimate.starts
     says = f"reduced χ² {total.reduced_chi2:.3f}, {found} of {tried} starts agree"
-    lines = (
-        f"Estimate of {estimate.model.campaign.name}: {says}",
-        *parameter_lines({name: (at, sd) for name, _, at, sd, _ in values}),
-    )
-    rows = tuple(
-        (name, parameter_text(name, at, sd, unit), f"{prior:.2g}")
-        for name, unit, at, sd, prior in values
-    )
-    return Card(lines, ("parameter", "estimate ± sd", "prior sd"), rows)
+    first = f"Estimate of {estimate.model.campaign.name}: {says}"
+    return parameter_card(first, "estimate ± sd", values, **{"prior sd": space.sd})
 
 
 @shown_as(_card)

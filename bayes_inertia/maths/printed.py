@@ -6,7 +6,7 @@ Printed text has typographic signs: a real minus, superscripts, dashes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -194,6 +194,32 @@ def parameter_text(name: str, mean: float, sd: float, unit: str) -> str:
     if "." in name:
         return value_text({"mean": mean, "sd": sd, "unit": unit})
     return f"{_with_sd(mean, sd)} {unit_text(unit)}" if unit else _with_sd(mean, sd)
+
+
+def parameter_card(
+    first: str,
+    head: str,
+    parameters: Iterable[tuple[str, str, float, float]],
+    **columns: Sequence[float],
+) -> Card:
+    """A card of parameters: J and K below the first line, all of them in the table.
+
+    `head`: of their values; `parameters`: name, unit, mean and sd of each; `columns`: further
+    numbers, one a parameter, by their heads.
+
+    Examples
+    --------
+    >>> card = parameter_card("Prior", "mean ± sd", [("K1", "", 1.0, 0.03)], worth=[0.5])
+    >>> card.lines, card.rows
+    (('Prior', 'K1 1.000 ± 0.030'), (('K1', '1.000 ± 0.030', '0.5'),))
+    """
+    told = list(parameters)
+    rows = tuple(
+        (name, parameter_text(name, mean, sd, unit), *(f"{x[k]:.2g}" for x in columns.values()))
+        for k, (name, unit, mean, sd) in enumerate(told)
+    )
+    lines = parameter_lines({name: (mean, sd) for name, _, mean, sd in told})
+    return Card((first, *lines), ("parameter", head, *columns), rows)
 
 
 def _with_sd(mean: float, sd: float) -> str:

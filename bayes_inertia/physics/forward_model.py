@@ -23,6 +23,7 @@ from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
+from bayes_inertia.maths.printed import Card, listed, parameter_card, shown_as
 from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
@@ -58,6 +59,15 @@ from bayes_inertia.physics.stated_noise import stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
+def _card(model: Model) -> Card:
+    """What acts, and what is known before of every parameter."""
+    space, effects = model.space, listed([effect.name for effect in model.effects])
+    first = f"Model of {model.campaign.name}: {model.drive} drive, {effects or 'no effects'}"
+    values = zip(space.names, space.units, space.mean, space.sd, strict=True)
+    return parameter_card(first, "prior mean ± sd", values)
+
+
+@shown_as(_card)
 @array_dataclass
 class Model:
     """A campaign with the effects that act in it and the drive it is simulated with.

@@ -10,7 +10,7 @@ log posterior itself, which notices what all others miss (Modrak et al. 2023).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -160,7 +160,7 @@ def calibration_work(cases: Sequence[CalibrationCase], fits: int, seed: int = 0)
     ids = tuple(f"{case.name}/{i}" for case in cases for i in range(each))
     task = CalibrationFit({case.name: case for case in cases})
     options: dict[str, Any] = {
-        "cases": {case.name: repr((case.plan, case.effects)) for case in cases},
+        "cases": {case.name: repr((asdict(case.plan), case.effects)) for case in cases},
         "settings": repr(task.settings),
         "ranked": LIMITS.ranked_draws,
         "pipeline": "right",
