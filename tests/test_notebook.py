@@ -73,7 +73,7 @@ def shown(campaign, estimate, diagnosis, design):
         ("LogDensity", "<td>Jyz</td>"),
         ("GaussianPrior", "<td>log Jyy</td>"),
         ("Plan", "<th>angle [deg]</th>"),
-        ("Mission", "<th>as it is</th>"),
+        ("Mission", "<td>Jyz</td>"),
     ],
 )
 def test_an_object_prints_in_three_lines_and_as_a_table(shown, name, cell):

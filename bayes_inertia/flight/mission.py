@@ -310,13 +310,10 @@ def _rotation(slew: Slew, rate_B: np.ndarray | None) -> Rotation | None:
 
 
 def _card(mission: Mission) -> Card:
-    """What it flies with, and J and K before flight and as they are."""
-    space, craft = mission.base, mission.spacecraft
-    first = (
-        f"Mission of {len(craft.wheels)} wheels and {len(craft.effects)} effects, before flight:"
-    )
+    """J and K as they are known before flight."""
+    space, wheels = mission.base, len(mission.spacecraft.wheels)
     values = zip(space.names, space.units, space.mean, space.sd, strict=True)
-    return parameter_card(first, "before flight", values, **{"as it is": mission.theta})
+    return parameter_card(f"Mission with {wheels} wheels; before flight:", "mean ± sd", values)
 
 
 @shown_as(_card)
