@@ -65,7 +65,7 @@ def _card(estimate: Estimate) -> Card:
     found, tried = estimate.starts
     says = f"reduced χ² {total.reduced_chi2:.3f}, {found} of {tried} starts agree"
     first = f"Estimate of {estimate.model.campaign.name}: {says}"
-    return parameter_card(first, "estimate ± sd", values, **{"prior sd": space.sd})
+    return parameter_card(first, "estimate ± sd", values, **{"prior sd": space.sd.tolist()})
 
 
 @shown_as(_card)

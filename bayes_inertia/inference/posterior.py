@@ -118,7 +118,8 @@ def _card(posterior: Posterior) -> Card:
 class Posterior:
     """A finished fit: draws, prior, predictions and what the fit says about itself.
 
-    Build one with `bayes_inertia.fit`, or load a saved one with `Posterior.load`.
+    Build one with `bayes_inertia.fit`, or load a saved one with `Posterior.load`. Fits of one seed
+    have equal `samples`; `==` compares when and in how long they were made too.
 
     Parameters
     ----------
@@ -339,9 +340,10 @@ class Posterior:
     def as_prior(self) -> GaussianPrior | None:
         """J and K as this fit knows them, for the next campaign; None where it is not to be used.
 
-        A fit with it is the joint fit of both campaigns. What this fit quotes beyond its model's
-        sds does not move the next one, and is counted in what that quotes. Where J changed during
-        the campaign, it is the one after that.
+        A fit with it is the joint fit of both campaigns, each with a rate bias of its own; slews of
+        one campaign that share a bias are known better fitted together. What this fit quotes beyond
+        its model's sds does not move the next one, and is counted in what that quotes. Where J
+        changed during the campaign, it is the one after that.
         """
         quoted = self._quoted()
         if quoted is None:

@@ -225,7 +225,9 @@ def after_changes_of_J(names: Sequence[str]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One named quantity, scalar or with named components.
+    """One named quantity of an effect, scalar or with named components.
+
+    `scalar` and `vector` make it; `check_effect` proves that the effect reads it as it should.
 
     Parameters
     ----------
@@ -263,6 +265,8 @@ class Parameter:
 def scalar(name: str, *, unit: str, prior: Prior, null: float = 0.0) -> Parameter:
     """A parameter that is one number; effects read it as `p[name]`, shape ().
 
+    Call `check_effect` on the finished effect before `fit`.
+
     Parameters
     ----------
     name : str
@@ -291,6 +295,8 @@ def vector(
     name: str, components: Sequence[str], *, unit: str, prior: Prior, null: float = 0.0
 ) -> Parameter:
     """A parameter with components that share one prior; effects read `p[name]`, shape (n,).
+
+    Call `check_effect` on the finished effect before `fit`.
 
     Parameters
     ----------
