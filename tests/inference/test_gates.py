@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from support.chains import SHORT
 
-from bayes_inertia.inference.gates import autocorrelation_time, check_gates, diagnose_chains
+from bayes_inertia.inference.gates import (
+    autocorrelation_time,
+    check_gates,
+    diagnose_chains,
+    prior_gate,
+)
 from bayes_inertia.inference.sampler import sample
 from bayes_inertia.inference.settings import FitContext
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def _diagnosed(samples: np.ndarray):
@@ -69,3 +78,13 @@ def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remain
     assert stated[2]["passed"]
     assert unknown[-1]["name"] == "diagnosed"
     assert not unknown[-1]["passed"]
+
+
+def test_what_is_blamed_for_a_contradiction_is_in_campaigns_of_files_and_of_python():
+    model = Model(small_campaign())
+    for factor in (1.0 / 0.7, 57.29578):
+        theta = np.array(model.space.mean)
+        theta[6:9] *= factor
+        gate = prior_gate(SimpleNamespace(model=model, theta=theta))
+        assert not gate["passed"]
+        assert "in the campaign" in gate["says"]
