@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from importlib import import_module
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 
 class BayesInertiaError(Exception):
@@ -89,6 +91,54 @@ def require(
     """Raise `CampaignError`, or another `error`, unless a condition holds."""
     if not condition:
         raise error(what, where=where, advice=advice)
+
+
+def kind_of(value: Any) -> str:
+    """What a value is, as messages call it.
+
+    >>> kind_of(3), kind_of("x")
+    ('an int', 'a str')
+    """
+    name = type(value).__name__
+    return f"an {name}" if name.startswith((*"AEIOaeio", "nd")) else f"a {name}"
+
+
+def require_kind(
+    value: Any,
+    kind: Any,
+    where: str,
+    advice: str = "",
+    *,
+    error: type[BayesInertiaError] = CampaignError,
+) -> None:
+    """Raise `CampaignError`, or another `error`, unless a value is of a kind, or one of several.
+
+    >>> require_kind("no", bool, "as_stated")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: as_stated: a str is no bool; give a bool
+    """
+    kinds = [each.__name__ for each in get_args(kind) or (kind,) if each is not NoneType]
+    names = " or ".join(dict.fromkeys(kinds))
+    what, advice = f"{kind_of(value)} is no {names}", advice or f"give a {names}"
+    require(isinstance(value, kind), where, what, advice, error=error)
+
+
+def members(
+    given: Any, kind: Any, where: str, *, error: type[BayesInertiaError] = CampaignError
+) -> tuple[Any, ...]:
+    """What is listed, all of one kind, or `CampaignError` or another; of a dictionary its pairs.
+
+    >>> members("Jxx", str, "names")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: names: a str is no list; give a tuple, of a single one ...
+    """
+    listed = isinstance(given, Iterable) and not isinstance(given, str)
+    advice = "give a tuple, of a single one too: (one,)"
+    require(listed, where, f"{kind_of(given)} is no list", advice, error=error)
+    found = tuple(given.items() if isinstance(given, Mapping) else given)
+    for member in found:
+        require_kind(member, kind, where, error=error)
+    return found
 
 
 def library_of_extra(

@@ -69,7 +69,7 @@ def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], o
     ...     write_atomically(Path(folder, "a.txt"), "done").read_bytes()
     b'done'
     """
-    path = Path(path)
+    path = path_of(path, "path")
     temporary = _temporary(path, secrets.token_hex(6))
     advice = "check that the folder exists, is writable and has space"
     try:

@@ -36,7 +36,7 @@ def sha256_of(*parts: bytes | memoryview | str) -> str:
     return digest.hexdigest()
 
 
-def write_sealed(path: Path, content: bytes | memoryview) -> Path:
+def write_sealed(path: str | Path, content: bytes | memoryview) -> Path:
     """Write a file with the digest of its content behind it, atomically.
 
     Examples

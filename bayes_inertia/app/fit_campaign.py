@@ -24,7 +24,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
     averaged_posterior,
     undetected_alternatives,
 )
-from bayes_inertia.errors import SettingsError, require
+from bayes_inertia.errors import SettingsError, members, require, require_kind
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.density_marginal import density_marginal, log_posterior_with_densities
@@ -45,7 +45,7 @@ from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.printed import Card, parameter_card, shown_as
-from bayes_inertia.maths.values import array_dataclass, whole_number
+from bayes_inertia.maths.values import array_dataclass, require_flags, whole_number
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -122,6 +122,9 @@ def fit(
         # 0.00021
     """
     began = perf_counter()
+    require_flags(as_stated=as_stated, predict=predict)
+    require_kind(context, FitContext | None, "context", error=SettingsError)
+    alternatives = members(alternatives, AlternativeParameters, "alternatives", error=SettingsError)
     # ArviZ takes long to import. Its plots are not needed.
     import_in_background(["arviz_stats"])
     model = model_of(campaign, effects=effects, drive=drive, noise=noise)
@@ -274,6 +277,8 @@ class LogDensity:
         thetas, d = self._vectors(theta), len(self.names)
         what, advice = f"its shape is {thetas.shape}", f"give ({d},) or (n, {d})"
         require(thetas.ndim <= 2, "theta", what, advice, error=SettingsError)
+        if not len(thetas):
+            return thetas[:, 0]
         function: Any = self._of_jax if isinstance(theta, jax.Array) else self._compiled
         values = function(thetas[None] if thetas.ndim == 1 else thetas)
         return values[0] if thetas.ndim == 1 else values
@@ -344,7 +349,11 @@ class LogDensity:
             parameters that are correlated the ends are not kept. The log likelihood there is -inf,
             so that an evidence is less by the log of the prior's share inside.
         """
-        return self.estimate.model.space.from_unit(self._vectors(unit))
+        points = parameter_vectors(unit, len(self.names), "unit")
+        inside = bool(np.all((points >= 0.0) & (points <= 1.0)))
+        what, advice = "a number is not between 0 and 1", "give points of the unit cube"
+        require(inside, "unit", what, advice, error=SettingsError)
+        return self.estimate.model.space.from_unit(points)
 
     def to_parameters(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Draws by name.
@@ -426,6 +435,7 @@ def log_density(
     CampaignError, EffectError, EstimateError
         As `fit`.
     """
+    require_flags(as_stated=as_stated)
     model = model_of(campaign, effects=effects, drive=drive, noise=noise)
     estimate, _ = settled_estimate(model, seed, as_stated, as_callback(progress))
     return LogDensity(estimate)

@@ -16,6 +16,7 @@ from bayes_inertia.campaign.hardware import (
     numbers,
     one_an_axis,
     require,
+    require_name,
     require_positive,
     require_sd,
     unit_length,
@@ -267,7 +268,7 @@ class Change:
 
     def __post_init__(self) -> None:
         key = f"changes.{self.name}"
-        require(bool(self.name), "changes", "a change without a name", "give each a name")
+        require_name(self.name, "changes.name")
         object.__setattr__(self, "time", on_campaign_clock(self.time, f"{key}.time"))
         require_positive(self.sigma_fraction, f"{key}.sigma_fraction")
         known = self.part == "inertia"
@@ -276,7 +277,7 @@ class Change:
 
 def _check(device: Any) -> None:
     """Raise `CampaignError` unless the device has a name and its sds are possible."""
-    require(bool(device.name), "actuators", "a device without a name", "give each device a name")
+    require_name(device.name, "actuators.name")
     for key in ("gain_sigma", "each_gain_sigma", "direction_sigma", "angle_sigma"):
         require_sd(getattr(device, key, 0.0), f"actuators.{device.name}.{key}")
 

@@ -26,6 +26,7 @@ from bayes_inertia.campaign.hardware import (
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew, require_quaternions
+from bayes_inertia.errors import kind_of, require_kind
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
@@ -126,15 +127,14 @@ class Campaign:
     has_likely_inputs: bool = False
 
     def __post_init__(self) -> None:
+        require_kind(self.name, str, "key name")
         for key, kind in _MEMBERS.items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
         for key in ("mission", "more_sensors"):
             object.__setattr__(self, key, pairs(key, getattr(self, key)))
         for key, kind in _KINDS.items():
             value = getattr(self, key)
-            fits = isinstance(value, kind) or (value is None and key != "inertia")
-            what = f"a {type(value).__name__} is no {kind.__name__}"
-            require(fits, key, what, f"give one {kind.__name__}")
+            require_kind(value, kind if key == "inertia" else kind | None, f"key {key}")
         if self.prior is not None:
             free = np.array([wheel.state != "locked" for wheel in self.wheels], dtype=float)
             spin = (self.wheel_axes_B * (free * self.spin_inertias)) @ self.wheel_axes_B.T
@@ -156,7 +156,7 @@ class Campaign:
         for name, sensor in self.more_sensors:
             known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor)
             known = known or hasattr(sensor, "stream")
-            what = f"a {type(sensor).__name__} is no kind of sensor"
+            what = f"{kind_of(sensor)} is no kind of sensor"
             advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require(known, f"more_sensors.{name}", what, advice)
         for key in ("rate_sensor", "star_tracker"):
@@ -459,7 +459,7 @@ class Campaign:
 def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
     """Raise `CampaignError` unless readings (n, columns) are of a sensor of their kind."""
     columns, wanted = readings.shape[1], getattr(sensor, "columns", None)
-    what = f"{columns} columns for a {type(sensor).__name__} of {wanted}"
+    what = f"{columns} columns for {kind_of(sensor)} of {wanted}"
     advice = "give one column a sensor axis, four a quaternion, three a direction"
     require(wanted in (None, columns), key, what, advice)
     if isinstance(sensor, StarTracker):

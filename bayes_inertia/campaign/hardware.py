@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
 from bayes_inertia import errors
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import kind_of, require_kind
 from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.maths import values
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
-from bayes_inertia.maths.values import Vector, array_dataclass
+from bayes_inertia.maths.values import Vector, array_dataclass, plain_array
 
 # One number for each axis of a sensor.
 Numbers = tuple[float, ...]
@@ -30,20 +30,14 @@ def numbers(
     key: str,
     advice: str = "give numbers in rows of one length, NaN where there is none",
 ) -> np.ndarray:
-    """Floats of whatever holds numbers, or `CampaignError`; dates are no numbers.
+    """Floats of whatever holds real numbers, or `CampaignError`."""
+    return values.numbers(value, f"key {key}", advice)
 
-    >>> numbers([1, None], "key").tolist()
-    [1.0, nan]
-    """
-    try:
-        given = np.asarray(value)
-        # Numpy makes of a date a number of any unit.
-        is_date = given.dtype.kind in "mM" or isinstance(next(given.flat, None), datetime)
-        require(not is_date, key, "these are dates, not numbers", advice)
-        return given.astype(float, copy=False)
-    except (TypeError, ValueError) as error:
-        what = f"no array of numbers ({error})"
-        raise CampaignError(what, where=f"key {key}", advice=advice) from None
+
+def require_name(value: Any, key: str) -> None:
+    """Raise an error unless a name is a text that says something."""
+    named = isinstance(value, str) and bool(value.strip())
+    require(named, key, f"{value!r} is no name", "give a text that is not empty")
 
 
 def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
@@ -52,22 +46,14 @@ def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
     for pair in found:
         named = isinstance(pair, tuple | list) and len(pair) == 2
         named = named and isinstance(pair[0], str) and bool(pair[0])
-        what = f"a {type(pair).__name__} is no pair of a name and what it names"
+        what = f"{kind_of(pair)} is no pair of a name and what it names"
         require(named, key, what, 'list each as ("NAME", ...), or give a dictionary')
     return tuple(map(tuple, found))
 
 
 def members(key: str, given: Any, kind: Any) -> tuple[Any, ...]:
     """What is listed, all of one kind, or `CampaignError`; of a dictionary its pairs."""
-    listed = isinstance(given, Iterable) and not isinstance(given, str)
-    what = f"a {type(given).__name__} is no list"
-    require(listed, key, what, "give a tuple, of a single one too: (one,)")
-    found = tuple(given.items() if isinstance(given, Mapping) else given)
-    for member in found:
-        what = f"a {type(member).__name__} is not what belongs here"
-        kinds = " or ".join(each.__name__ for each in get_args(kind) or (kind,))
-        require(isinstance(member, kind), key, what, f"list each as a {kinds}")
-    return found
+    return errors.members(given, kind, f"key {key}")
 
 
 def unit_vector(value: Any, key: str) -> Vector:
@@ -119,8 +105,9 @@ def require_number(
     value: Any, key: str, what: str, advice: str, fits: Callable[[float], bool]
 ) -> None:
     """Raise an error unless this is one finite number that fits; `what`: it is otherwise."""
-    is_number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
-    good = is_number and math.isfinite(value) and fits(value)
+    given = plain_array(value, f"key {key}", advice)
+    is_number = given.ndim == 0 and given.dtype.kind in "biuf"
+    good = is_number and math.isfinite(given) and fits(float(given))
     require(good, key, f"{value!r} {what}", advice)
 
 
@@ -238,6 +225,7 @@ class Wheel:
     state: WheelState = "running"
 
     def __post_init__(self) -> None:
+        require_name(self.name, "wheels.name")
         states = get_args(WheelState)
         what = f"{self.state!r} is unknown"
         known = self.state in states
@@ -298,9 +286,7 @@ class CorrelatedNoise:
 def _of_axes(noise: CorrelatedNoise, axes: int) -> CorrelatedNoise:
     """The noise of a sensor with so many axes, or `CampaignError`; one number fits any."""
     place = "rate_sensor.correlated_noise"
-    known = isinstance(noise, CorrelatedNoise)
-    what = f"a {type(noise).__name__} is no CorrelatedNoise"
-    require(known, place, what, "give CorrelatedNoise(share, time)")
+    require_kind(noise, CorrelatedNoise, f"key {place}", "give CorrelatedNoise(share, time)")
     share, time = (x if len(set(x)) > 1 else x[0] for x in (noise.share, noise.time))
     return CorrelatedNoise(
         one_an_axis(share, axes, f"{place}.share"), one_an_axis(time, axes, f"{place}.time")

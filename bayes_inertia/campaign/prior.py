@@ -5,6 +5,7 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_inertia import errors
-from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, require_sd
+from bayes_inertia.campaign.hardware import members, numbers, one_an_axis, require, require_sd
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import path_of
@@ -27,6 +28,7 @@ from bayes_inertia.sealing import read_sealed_json
 SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
 # What lies in a copy of a campaign whose description names a run.
 COPY_FILE = "prior.json"
+_NAME = re.compile(rf"{'|'.join(ELEMENTS)}|K[1-9]\d*")
 _MOMENTS = ("Jxx", "Jyy", "Jzz")
 
 
@@ -97,21 +99,25 @@ class GaussianPrior:
     learnt_from: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        names, key = tuple(self.names), "prior"
+        key = "prior"
+        for field in ("names", "logarithmic", "learnt_from"):
+            object.__setattr__(self, field, members(f"{key}.{field}", getattr(self, field), str))
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, numbers(value, f"{key}.{field}"))
-        object.__setattr__(self, "names", names)
-        for field in ("logarithmic", "learnt_from"):
-            object.__setattr__(self, field, tuple(getattr(self, field)))
+        names, logarithmic = self.names, self.logarithmic
         k, advice = len(names), "give one number a name, and one covariance a pair"
         vectors = (self.mean, self.lower, self.upper, self.beyond_sd)
         fits = all(x is None or x.shape == (k,) for x in vectors)
         fits = fits and self.covariance.shape == (k, k)
         require(k > 0 and fits, key, f"{k} names do not fit the numbers", advice)
         require(len(set(names)) == k, f"{key}.names", "a name is used twice", "give each once")
-        known = set(self.logarithmic) <= set(names)
+        unknown = [name for name in names if not _NAME.fullmatch(name)]
+        what = f"{unknown[:1]} is no element of J and no scale factor"
+        advice = f"choose among {', '.join(ELEMENTS)} and K1, K2, ..."
+        require(not unknown, f"{key}.names", what, advice)
+        known = set(logarithmic) <= set(names)
         require(known, f"{key}.logarithmic", "names what has no mean", "name it under names too")
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         require(finite, key, "a number is not finite", "give finite numbers")
@@ -295,10 +301,11 @@ def _require_principal(
 ) -> None:
     """Refuse what is no body, no frame, or known so badly that a Gaussian does not say it."""
     most, turn = LIMITS.sd_of_moments, LIMITS.sd_of_axes
-    body = medians.shape == (3,) and bool((medians > 0.0).all())
-    body = body and bool(2.0 * medians.max() < medians.sum())
+    key, what = "prior.principal_moments", f"shape {medians.shape} is not (3,)"
+    require(medians.shape == (3,), key, what, "give three numbers")
+    body = bool((medians > 0.0).all() and 2.0 * medians.max() < medians.sum())
     advice = "each is above zero and less than the sum of the two others"
-    require(body, "prior.principal_moments", "no body has these moments", advice)
+    require(body, key, "no body has these moments", advice)
     known = bool(((sds > 0.0) & (sds <= most)).all())
     wide = "known worse than that, state [inertia] with wide sigmas instead"
     require(known, "prior.relative_sd", f"it is not above 0 and at most {most}", wide)

@@ -9,11 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, unit_length, unit_vector
+from bayes_inertia.campaign.hardware import (
+    numbers,
+    one_an_axis,
+    require,
+    require_name,
+    unit_length,
+    unit_vector,
+)
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.errors import kind_of, require_kind
 from bayes_inertia.maths.printed import Card, shown_as
-from bayes_inertia.maths.values import Vector, array_dataclass
+from bayes_inertia.maths.values import Vector, array_dataclass, plain_array
 from bayes_inertia.sealing import sha256_of
 
 _EPOCH = np.datetime64(0, "s")
@@ -116,6 +124,7 @@ class Slew:
     inputs: Mapping[str, InputStream] | None = None
 
     def __post_init__(self) -> None:
+        require_name(self.name, "slews.name")
         where = f"slews.{self.name}"
         time = _seconds(self.time, f"{where}.time")
         object.__setattr__(self, "start", on_campaign_clock(self.start, f"{where}.start"))
@@ -130,7 +139,7 @@ class Slew:
                 object.__setattr__(self, key, array)
         for key in ("more", "inputs"):
             given = getattr(self, key)
-            what = f"a {type(given).__name__} does not say whose they are"
+            what = f"{kind_of(given)} does not say whose they are"
             named = given is None or isinstance(given, Mapping)
             require(named, f"{where}.{key}", what, "give a dictionary, with names as keys")
         if self.more is not None:
@@ -138,9 +147,8 @@ class Slew:
             more = {key: _channel(x, n, None, f"{where}.more.{key}") for key, x in given}
             object.__setattr__(self, "more", more)
         for key, stream in (self.inputs or {}).items():
-            what = f"a {type(stream).__name__} is no input"
-            advice = "give an InputStream: times, values and what is between them"
-            require(isinstance(stream, InputStream), f"{where}.inputs.{key}", what, advice)
+            advice = "give one of times, values and what is between them"
+            require_kind(stream, InputStream, f"key {where}.inputs.{key}", advice)
         if self.lost_command is not None:
             object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:
@@ -161,6 +169,9 @@ class Slew:
         what = "nothing says what the wheels may have done"
         advice = "give wheel_torque and lost_command_sd too"
         require(known, f"{where}.lost_command", what, advice)
+        sd = np.asarray(self.lost_command_sd)[pieces > 0]
+        what, advice = "an sd is below 0 or no number", "give one of each wheel in each lost row"
+        require(bool((sd >= 0.0).all()), f"{where}.lost_command_sd", what, advice)
         return pieces if pieces.any() else None
 
     @property
@@ -258,14 +269,17 @@ def on_campaign_clock(moment: Any, key: str) -> float:
     >>> on_campaign_clock(np.datetime64("1970-01-02"), "start")
     86400.0
     """
-    (second,) = _seconds(np.atleast_1d(np.asarray(moment)), key, since=_EPOCH)[:1]
+    moments = np.atleast_1d(plain_array(moment, f"key {key}"))
+    what, advice = f"these are {moments.size} moments", "give one, of the first row"
+    require(moments.size == 1, key, what, advice)
+    (second,) = _seconds(moments.ravel(), key, since=_EPOCH)
     require(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
     return float(second)
 
 
 def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndarray:
     """Times (n,) in seconds; datetimes count from `since`, or from the first of them."""
-    array = np.asarray(time)
+    array = plain_array(time, f"key {key}")
     if array.dtype.kind == "O":
         # Of pandas, with a time zone, or Python's own.
         stamps = [_utc(moment) for moment in array.ravel()]
@@ -290,8 +304,9 @@ def _utc(moment: Any) -> np.datetime64 | None:
 
 def _require_increasing(time: np.ndarray, key: str) -> None:
     """Raise `CampaignError` unless times (n,) increase strictly."""
-    enough = time.ndim == 1 and len(time) >= 2
-    require(enough, key, "fewer than two rows", "a slew needs telemetry over time")
+    flat, what = time.ndim == 1, f"shape {time.shape} is not (rows,)"
+    require(flat, key, what, "give one time a row: of a table one column, as table['t']")
+    require(len(time) >= 2, key, "fewer than two rows", "a slew needs telemetry over time")
     finite = bool(np.all(np.isfinite(time)))
     require(finite, key, "a time is not a number", "remove or repair the row")
     increasing = bool(np.all(np.diff(time) > 0))

@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize
@@ -35,7 +35,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.result import Design
-from bayes_inertia.errors import DesignError, require
+from bayes_inertia.errors import DesignError, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
@@ -239,17 +239,10 @@ def _checked(
     """The limits, if any; an error for what is no count, or of another kind."""
     for key, count in zip(("n_slews", "candidates", "starts", "draws"), counts, strict=True):
         whole_number(count, key, 1)
-    _require_kind("limits", limits, Limits)
-    _require_kind("base", base, Plan)
-    _require_kind("after", after, Estimate)
+    require_kind(limits, Limits | None, "key limits")
+    require_kind(base, Plan | None, "key base")
+    require_kind(after, Estimate | None, "key after")
     return limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
-
-
-def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) -> None:
-    """`CampaignError` for an argument of another kind."""
-    good = isinstance(value, kind) or (optional and value is None)
-    what, advice = f"a {type(value).__name__} is no {kind.__name__}", f"give a {kind.__name__}"
-    require(good, f"key {key}", what, advice)
 
 
 def _begin(
@@ -306,8 +299,8 @@ def next_slew(
         design = next_slew(estimate, Limits(rate=0.02, total_time=120.0), "cross_terms")
         design.plan.slews
     """
-    _require_kind("estimate", estimate, Estimate, optional=False)
-    _require_kind("limits", limits, Limits)
+    require_kind(estimate, Estimate, "key estimate")
+    require_kind(limits, Limits | None, "key limits")
     campaign = estimate.model.campaign
     single = parse_goal(goal).kind != "separate"
     what = "is another question for a single slew"

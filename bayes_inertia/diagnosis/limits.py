@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require_kind
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,8 @@ class Rules:
 
 def rules_of(given: Rules | None) -> Rules:
     """The rules given, or the usual ones; `SettingsError` for what is none."""
-    if not isinstance(given, Rules | None):
-        advice = "give Rules, such as Rules(max_effects=2)"
-        raise SettingsError(f"a {type(given).__name__} is no Rules", where="rules", advice=advice)
+    advice = "give Rules, such as Rules(max_effects=2)"
+    require_kind(given, Rules | None, "rules", advice, error=SettingsError)
     return given or Rules()
 
 

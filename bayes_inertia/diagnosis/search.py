@@ -70,6 +70,7 @@ from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.optimizer import move_to, without_effects
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
+from bayes_inertia.maths.values import require_flags
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
@@ -268,6 +269,7 @@ def diagnose(
         diagnosis.verdict, diagnosis.named
         # ('named', ('wheel_command_lag',))
     """
+    require_flags(as_stated=as_stated)
     say = as_callback(progress)
     if not isinstance(campaign, Campaign):
         model = model_of(campaign)

@@ -350,7 +350,8 @@ def read_table(table: Table, rules: Rules, *, significant: bool) -> Reading:
     shape = table.best_shape
     reading = Reading("named", tuple(sorted(row, key=lambda name: -_single(table, name))))
     if shape:
-        lead = float(np.log(table.rows[shape]) - np.log(table.rows[row]))
+        with np.errstate(divide="ignore"):  # a probability may be too small for a number
+            lead = float(np.log(table.rows[shape]) - np.log(table.rows[row]))
         (own,) = shape & SHAPELESS
         reading = reading._replace(nameless_lead=lead, nameless_source=_SOURCES[own])
     if reading.nameless_lead <= rules.log_evidence_margin:

@@ -26,6 +26,7 @@ from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew, ramp_factor
 from bayes_inertia.flight.spacecraft import (
@@ -368,8 +369,7 @@ class Mission:
         """
         if isinstance(campaign, Mission):
             return campaign
-        what = f"a {type(campaign).__name__} is no campaign and no mission"
-        require(isinstance(campaign, Campaign), "mission", what, "give a Campaign or a Mission")
+        require_kind(campaign, Campaign | Mission, "key mission")
         craft = spacecraft_at(campaign, prior_mean(campaign))
         return cls(craft, campaign.inertia, _known_after_changes(campaign))
 

@@ -14,8 +14,8 @@ from pydantic import Field, create_model
 from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.campaign.description import stated_keys
 from bayes_inertia.campaign.schema import DEGREE, Part, Vector3
-from bayes_inertia.errors import CampaignError, OutputError, require
-from bayes_inertia.files import read_bytes, text_of, write_atomically
+from bayes_inertia.errors import CampaignError, OutputError, require, require_kind
+from bayes_inertia.files import path_of, read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 
@@ -126,7 +126,8 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
     """
     import tomlkit
 
-    path = Path(path)
+    require_kind(plan, Plan, "plan")
+    path = path_of(path, "path")
     document = tomlkit.document()
     document["format"] = FORMAT
     document.add(tomlkit.comment("Quaternions: inertial to body, scalar last. Axes in body axes."))

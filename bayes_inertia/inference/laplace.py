@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, kind_of
 from bayes_inertia.inference.likelihood import Information, Point
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -372,7 +372,7 @@ def model_of(source: Campaign | Model | Estimate, **asked: Any) -> Model:
         return Model(source, **asked)
     if not isinstance(source, Model):
         raise CampaignError(
-            f"a {type(source).__name__} was given",
+            f"{kind_of(source)} was given",
             where="first argument",
             advice="give a Campaign (read_campaign reads one), or a Model or an Estimate of one",
         )

@@ -23,14 +23,15 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
+from bayes_inertia.files import path_of
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.printed import NOT_GIVEN, Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import after_changes_of_J, base_count
+from bayes_inertia.physics.parameters import after_changes_of_J, base_count, parameter_vectors
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
@@ -145,6 +146,11 @@ class Posterior:
 
     tree: xr.DataTree
 
+    def __post_init__(self) -> None:
+        own = getattr(self.tree, "attrs", {}).get("format") == FORMAT
+        advice = "give the posterior.nc or the tree of a fit by this package"
+        require(own, "tree", f"the format is not {FORMAT}", advice)
+
     @classmethod
     def load(cls, path: str | Path) -> Posterior:
         """Read a saved posterior.
@@ -165,7 +171,7 @@ class Posterior:
         """
         import xarray as xr
 
-        path = Path(path)
+        path = path_of(path, "path")
         if not path.is_file():
             raise CampaignError(
                 "no such file", where=str(path), advice="give the posterior.nc of a finished run"
@@ -177,13 +183,10 @@ class Posterior:
         with blaming(path, intact=intact, advice=_ADVICE):
             tree = xr.open_datatree(path, engine="h5netcdf").load()
             tree.close()
-        if tree.attrs.get("format") != FORMAT:
-            raise CampaignError(
-                f"the format is not {FORMAT}",
-                where=str(path),
-                advice="give a posterior.nc written by this package",
-            )
-        posterior = cls(tree)
+        try:
+            posterior = cls(tree)
+        except CampaignError as error:
+            raise error.inside(str(path)) from None
         if not intact:
             with blaming(path, intact=False, advice=_ADVICE), np.errstate(over="raise"):
                 posterior.summary()
@@ -209,7 +212,7 @@ class Posterior:
         content = BytesIO()
         self.tree.to_netcdf(content, engine="h5netcdf")
         with content.getbuffer() as written:
-            return write_sealed(Path(path), written)
+            return write_sealed(path, written)
 
     @property
     def names(self) -> list[str]:
@@ -387,6 +390,7 @@ class Posterior:
         (m, d) array
             Without tensors that no body can have.
         """
+        draws = np.atleast_2d(parameter_vectors(draws, len(self.names), "draws"))
         noise = np.random.default_rng(0).standard_normal((len(draws), len(self._shifts)))
         wider = self._scattered(draws) + noise @ self._shifts
         return wider[inertia_tensor.is_physical(wider[:, :6])]

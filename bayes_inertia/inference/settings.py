@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require_kind
 from bayes_inertia.maths.values import whole_number
 
 if TYPE_CHECKING:
@@ -129,9 +129,8 @@ def require_settings(given: Any, usual: Settings) -> Settings:
     Traceback (most recent call last):
     bayes_inertia.errors.SettingsError: settings: a dict is no Settings; give Settings(steps=64, ...
     """
-    what = f"a {type(given).__name__} is no Settings"
-    if given is not None and not isinstance(given, Settings):
-        raise SettingsError(what, where="settings", advice="give Settings(steps=64, seed=1)")
+    advice = "give Settings(steps=64, seed=1)"
+    require_kind(given, Settings | None, "settings", advice, error=SettingsError)
     return given or usual
 
 

@@ -13,11 +13,18 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from datetime import datetime
 from typing import Any, dataclass_transform
 
 import numpy as np
 
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import (
+    BayesInertiaError,
+    CampaignError,
+    SettingsError,
+    require,
+    require_kind,
+)
 
 # Three numbers along body axes, as plain floats: such a field can be hashed and compared.
 Vector = tuple[float, float, float]
@@ -209,6 +216,68 @@ def _hashable(value: Any) -> Any:
     if isinstance(value, float) and math.isnan(value):
         return "nan"
     return hash(value)
+
+
+def plain_array(
+    value: Any, where: str, advice: str = "", error: type[BayesInertiaError] = CampaignError
+) -> np.ndarray:
+    """An array of whatever holds numbers or dates: NaN where it is masked, never with a unit.
+
+    >>> plain_array(np.ma.masked_equal([1, 9], 9), "rate").tolist()
+    [1.0, nan]
+    """
+    first = value
+    while isinstance(first, list | tuple) and first:
+        first = first[0]
+    # Of astropy or pint; numpy would take what is in degrees for a plain number.
+    units = (getattr(first, key, None) for key in ("unit", "units"))
+    has_unit = hasattr(first, "to") and any(unit is not None for unit in units)
+    how = "x.to_value('rad/s') of astropy, x.m_as('rad/s') of pint"
+    plain = f"give plain numbers in SI units and radians, such as {how}"
+    require(not has_unit, where, "it carries a unit", plain, error=error)
+    try:
+        if not isinstance(first, np.ma.MaskedArray):
+            return np.asarray(value)
+        masked: Any = np.ma.asarray(value)
+        if masked.dtype.kind in "mM":
+            return masked.filled(np.array("NaT", masked.dtype))
+        return masked.astype(np.result_type(masked, float)).filled(np.nan)
+    except (TypeError, ValueError) as reason:
+        raise error(f"no array of numbers ({reason})", where=where, advice=advice) from None
+
+
+# What numpy, or Python's `float`, would make numbers of.
+_NO_NUMBERS = (("dates", "mM", datetime), ("texts", "US", str), ("complex numbers", "c", complex))
+
+
+def numbers(
+    value: Any, where: str, advice: str, error: type[BayesInertiaError] = CampaignError
+) -> np.ndarray:
+    """Floats of whatever holds real numbers, or an `error`.
+
+    >>> numbers([1, None], "rate", "").tolist()
+    [1.0, nan]
+    """
+    given = plain_array(value, where, advice, error)
+    members = given.ravel().tolist() if given.dtype.kind == "O" else ()
+    for name, kinds, kind in _NO_NUMBERS:
+        found = given.dtype.kind in kinds or any(isinstance(x, kind) for x in members)
+        require(not found, where, f"no array of numbers, but of {name}", advice, error=error)
+    try:
+        return given.astype(float, copy=False)
+    except (TypeError, ValueError) as reason:
+        raise error(f"no array of numbers ({reason})", where=where, advice=advice) from None
+
+
+def require_flags(**given: Any) -> None:
+    """Raise `SettingsError` for what is neither true nor false, by its name.
+
+    >>> require_flags(as_stated="no")
+    Traceback (most recent call last):
+    bayes_inertia.errors.SettingsError: as_stated: a str is no bool; give True or False
+    """
+    for name, value in given.items():
+        require_kind(value, bool | np.bool_, name, "give True or False", error=SettingsError)
 
 
 def whole_number(value: Any, where: str, least: int = 0) -> int:

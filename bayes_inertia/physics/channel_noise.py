@@ -14,6 +14,7 @@ from typing import Any
 
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.maths.values import require_flags
 from bayes_inertia.physics.densities import FAMILIES, Density
 from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
 
@@ -60,6 +61,7 @@ class ChannelNoise:
     def __post_init__(self) -> None:
         what, advice = f"no distribution is called {self.family!r}", " or ".join(FAMILIES)
         _require(self.family in [*FAMILIES], what, f"choose {advice}")
+        require_flags(scale_sampled=self.scale_sampled)
         shape, degrees = self.density.shape, self.degrees
         if shape is not None and degrees is not None:
             advice = f"give {shape.least:g} or more, or None where they are sampled"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,26 +14,24 @@ from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.inertia_tensor import tensor as inertia
+from bayes_inertia.physics.declaration import check_declaration
 from bayes_inertia.physics.effect import (
     LOOKING_BACK,
     MOVING_HOOKS,
     ActiveEffects,
     Effect,
     guarded,
-    has_hash,
     require_rule,
 )
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Data
-from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.prediction import Structure, predict_all, prior_blocks
 from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-_NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
 # Functions here run a few dozen times: compiling them well costs more than it saves.
 _COMPILED_QUICKLY = {"xla_backend_optimization_level": 0}
 
@@ -419,45 +416,3 @@ def _is_definite(covariance: np.ndarray) -> bool:
         return False
     smallest = np.linalg.eigvalsh(covariance / np.outer(sd, sd)).min()
     return bool(smallest > NUMERICS.zero_eigenvalue)
-
-
-def check_declaration(effect: Effect, campaign: Campaign) -> None:
-    """Check what an effect declares, without calling its hooks.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.effects.constant_torque import ConstantTorque
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> check_declaration(ConstantTorque(), small_campaign())
-    """
-    _check_class(effect)
-    parameters = guarded(effect, "parameters(campaign)", lambda: effect.parameters(campaign))
-    some = isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)
-    some = some and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
-    require_rule(some, effect, "parameters")
-    require_rule(parameters == effect.parameters(campaign), effect, "same_parameters")
-    names = Counter(p.name for p in parameters), Counter(n for p in parameters for n in p.names)
-    doubled = sorted({name for count in names for name in count if count[name] > 1})
-    require_rule(not doubled, effect, "names", doubled=doubled[:1])
-    for parameter in parameters:
-        _check_parameter(effect, parameter)
-
-
-def _check_class(effect: Effect) -> None:
-    require_rule(isinstance(effect, Effect), effect, "instance")
-    options = vars(type(effect)).get("__dataclass_params__")
-    require_rule(options is not None and options.frozen, effect, "frozen")
-    name = effect.kind if effect.device else effect.name
-    named = isinstance(name, str) and name.isidentifier() and name != Effect.name
-    require_rule(named, effect, "identifier", name=effect.name)
-    require_rule(has_hash(effect), effect, "hashable")
-
-
-def _check_parameter(effect: Effect, p: Parameter) -> None:
-    require_rule(isinstance(p.unit, str), effect, "unit", name=p.name)
-    words = set(p.unit.replace("/", " ").replace("^", " ").split())
-    require_rule(not words & _NOT_SI, effect, "si", name=p.name, unit=p.unit)
-    told = {"name": p.name, "priors": len(p.priors), "components": len(p.names), "null": p.null}
-    require_rule(len(p.priors) == len(p.names), effect, "priors", **told)
-    inside = all(prior.lower <= p.null <= prior.upper and np.isfinite(p.null) for prior in p.priors)
-    require_rule(inside, effect, "possible_null", **told)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,7 +20,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import BayesInertiaError, EffectError, require
+from bayes_inertia.errors import BayesInertiaError, EffectError, kind_of, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
@@ -84,6 +85,12 @@ class Effect:
     kind: ClassVar[str] = ""
     prior_scale: float = field(default=1.0, kw_only=True)
     device: str = field(default="", kw_only=True)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for hook in (*BODY_HOOKS, *LOOKING_BACK):
+            if hasattr(given := vars(cls).get(hook), "__get__"):
+                setattr(cls, hook, _saying_whose(hook, given))
 
     def __post_init__(self) -> None:
         if self.kind and self.device:
@@ -580,7 +587,7 @@ def shaped(effect: Effect, hook: str, given: Any, like: Array) -> Array:
     Traceback (most recent call last):
     bayes_inertia.errors.EffectError: no_effect: body_torque returned a float, not an array ...
     """
-    own = jnp.shape(given) if hasattr(given, "shape") else f"a {type(given).__name__}"
+    own = jnp.shape(given) if hasattr(given, "shape") else kind_of(given)
     told = {"hook": hook, "own": own, "like": like.shape}
     require_rule(own == like.shape, effect, "hook_shape", **told)
     return given
@@ -646,6 +653,17 @@ def _place(effect: Any) -> str:
     """An effect as messages call it."""
     named = isinstance(effect, str | Path)
     return str(effect if named else getattr(effect, "name", type(effect).__name__))
+
+
+def _saying_whose(hook: str, given: Any) -> Callable[..., Any]:
+    """A hook; whatever goes wrong in it becomes an `EffectError` that names effect and hook."""
+
+    @wraps(given)
+    def called(self: Effect, *args: Any, **kwargs: Any) -> Any:
+        bound = given.__get__(self, type(self))
+        return guarded(self, hook, partial(bound, *args, **kwargs))
+
+    return called
 
 
 def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:

@@ -20,6 +20,7 @@ from bayes_inertia.campaign.hardware import (
     require,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
+from bayes_inertia.errors import require_kind
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
@@ -28,6 +29,7 @@ from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
+from bayes_inertia.physics.declaration import check_declaration
 from bayes_inertia.physics.effect import (
     BODY_HOOKS,
     LOOKING_BACK,
@@ -108,9 +110,11 @@ class Model:
     def __post_init__(self) -> None:
         campaign = self.campaign.without_locked_wheels()
         effects = tuple(effect.in_campaign(campaign) for effect in require_effects(self.effects))
-        is_model = isinstance(self.noise, NoiseModel)
-        advice = "give a NoiseModel, such as NoiseModel(rate=ChannelNoise('student_t'))"
-        require(is_model, "noise", f"a {type(self.noise).__name__} is no NoiseModel", advice)
+        for effect in effects:
+            if type(effect).__module__.partition(".")[0] != __package__.partition(".")[0]:
+                check_declaration(effect, campaign)  # the package's own keep the contract
+        advice = "give one, such as NoiseModel(rate=ChannelNoise('student_t'))"
+        require_kind(self.noise, NoiseModel, "key noise", advice)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)

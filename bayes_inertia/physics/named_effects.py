@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 
 from bayes_inertia.files import read_bytes, text_of
-from bayes_inertia.physics.check_effect import check_declaration
+from bayes_inertia.physics.declaration import check_declaration, require_own_name
 from bayes_inertia.physics.effect import Effect, broken, guarded, require_effects, require_rule
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
@@ -309,10 +309,7 @@ def _effect_named(name: str) -> Effect:
     if reference is None or _of_library(plain) is not None:
         return with_settings(by_name([plain])[0], settings)
     effect = load_effect(reference)
-    alike = _of_library(str(effect.name))
-    # The library's own class with other settings is no other effect.
-    own = alike is None or type(alike) is type(effect)
-    require_rule(own, str(reference), "own_name", name=effect.name)
+    require_own_name(effect, str(reference))
     return with_settings(effect, settings)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 from jax import Array
 from scipy import special, stats
 
-from bayes_inertia.errors import SettingsError, require
+from bayes_inertia.errors import SettingsError, members, require
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import array_dataclass, numbers
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ def _require_distribution(prior: Prior) -> None:
     """Raise unless the numbers make a distribution."""
     centre = "median" if prior.logarithmic else "mean"
     given = getattr(prior, centre)
-    numbers, where = (given, prior.scale, prior.lower, prior.upper), f"{type(prior).__name__} prior"
-    known = all(isinstance(x, Real) for x in numbers)
+    where = f"{type(prior).__name__} prior"
+    known = all(isinstance(x, Real) for x in (given, prior.scale, prior.lower, prior.upper))
     advice = "give one number each; components that differ have priors of their own"
     require(known, where, "not all are numbers", advice, error=SettingsError)
     least = max(prior.lower, 0.0 if prior.logarithmic else -np.inf)
@@ -254,6 +254,11 @@ class Parameter:
     null: float = 0.0
     components: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        where = f"priors of {self.name}"
+        priors = members(self.priors, Normal | LogNormal, where, error=SettingsError)
+        object.__setattr__(self, "priors", priors)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the components: `name_component`, or just the name."""
@@ -321,7 +326,9 @@ def vector(
     >>> vector("torque", "xyz", unit="N m", prior=Normal(0.0, 1e-5)).names
     ('torque_x', 'torque_y', 'torque_z')
     """
-    return Parameter(name, unit, (prior,) * len(components), null, tuple(components))
+    labels = [*components] if isinstance(components, str) else components
+    labels = members(labels, str, f"components of {name}", error=SettingsError)
+    return Parameter(name, unit, (prior,) * len(labels), null, labels)
 
 
 def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
@@ -566,12 +573,10 @@ def parameter_vectors(theta: Any, size: int, where: str = "theta") -> Any:
     array([1., 2.])
     """
     advice = f"give ({size},) or (n, {size})"
-    try:
-        vectors = theta if isinstance(theta, Array) else np.asarray(theta, float)
-    except (TypeError, ValueError) as error:
-        raise SettingsError(f"no array of numbers ({error})", where=where, advice=advice) from None
-    if vectors.ndim == 0 or vectors.shape[-1] != size:
-        raise SettingsError(f"its shape is {vectors.shape}", where=where, advice=advice)
+    own = isinstance(theta, Array)
+    vectors = theta if own else numbers(theta, where, advice, SettingsError)
+    fits = vectors.ndim > 0 and vectors.shape[-1] == size
+    require(fits, where, f"its shape is {vectors.shape}", advice, error=SettingsError)
     return vectors
 
 

@@ -115,6 +115,16 @@ def test_a_wrong_shape_is_refused(density, theta):
         density(theta)
 
 
+def test_the_density_of_no_points_is_empty(density):
+    assert density(np.zeros((0, 9))).shape == density(jnp.zeros((0, 9))).shape == (0,)
+
+
+@pytest.mark.parametrize("number", [-0.1, 1.5, np.nan])
+def test_what_is_outside_the_unit_cube_is_refused(density, number):
+    with pytest.raises(bi.SettingsError, match="unit: a number is not between 0 and 1"):
+        density.prior_transform(np.full(9, number))
+
+
 def test_a_wrong_number_of_parameters_is_refused_everywhere(density):
     functions = (
         density.log_prior,

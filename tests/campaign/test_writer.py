@@ -249,7 +249,7 @@ def test_any_campaign_survives_writing(tmp_path, campaign):
 
 def test_the_shortest_step_that_numbers_hold_is_read(tmp_path):
     """Nothing that is divided by the length of a slew overflows."""
-    slew = Slew("", 0.0, np.array([0.0, 2.3e-309]), rate=np.zeros((2, 3)))
+    slew = Slew("a", 0.0, np.array([0.0, 2.3e-309]), rate=np.zeros((2, 3)))
     prior, sensor = InertiaPrior(np.diag([3.0, 2.0, 2.0]), 1.0, 1.0), RateSensor(sigma=1.0)
     tracker = StarTracker((0.0, 0.0, 1.0), 40.0, 1.0)
     campaign = Campaign("", prior, (), sensor, tracker, (slew,))

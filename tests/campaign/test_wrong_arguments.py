@@ -19,9 +19,39 @@ MOMENTS = [3.3, 2.2, 1.6]
 of_moments = bi.GaussianPrior.of_principal_moments
 
 
+class Quantity(np.ndarray):
+    """Numbers that carry a unit, as those of astropy and pint do."""
+
+    unit = "deg/s"
+
+    def to(self, unit):
+        return self
+
+
+DEGREES = RATE.view(Quantity)
+LOST = {"wheel_torque": RATE, "lost_command": [0, 1, 0]}
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
+        (lambda: bi.Slew("a", 0.0, TIME, rate=DEGREES), "rate: it carries a unit; give plain"),
+        (lambda: bi.Slew("a", TIME[:1].view(Quantity), TIME), "start: it carries a unit"),
+        (lambda: bi.RateSensor([DEGREES[0, 0:1]] * 3), "sigma: it carries a unit"),
+        (lambda: bi.Wheel("x", (1, 0, 0), DEGREES[0]), "spin_inertia: it carries a unit"),
+        (lambda: bi.Slew("a", 0.0, np.ma.masked_equal(TIME, 1.0), rate=RATE), "a time is not a"),
+        (lambda: bi.Slew("a", [1.0, 2.0], TIME, rate=RATE), "start: these are 2 moments"),
+        (lambda: bi.Slew("a", 0.0, TIME[:, None], rate=RATE), r"shape \(3, 1\) is not \(rows,\)"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=RATE * 1j), "rate: .*of complex numbers"),
+        (lambda: bi.Slew(None, 0.0, TIME, rate=RATE), "slews.name: None is no name"),
+        (lambda: bi.Wheel(["x"], (1, 0, 0), 1e-3), r"wheels.name: \['x'\] is no name"),
+        (lambda: bi.Slew("a", 0.0, TIME, lost_command_sd=-SPINS, **LOST), "an sd is below 0"),
+        (lambda: bi.RateSensor("2e-5"), "sigma: no array of numbers, but of texts"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=RATE, angle="30"), "angle: no array of numbers"),
+        (lambda: bi.GaussianPrior(["K1"], np.array(["1"], object), [[1]]), "mean: .*of texts"),
+        (lambda: bi.GaussianPrior("Jxx", [1.0], [[1.0]]), "prior.names: a str is no list"),
+        (lambda: bi.GaussianPrior(["Jqq"], [1.0], [[1.0]]), "'Jqq'.* is no element of J"),
+        (lambda: bi.GaussianPrior(["Jxx"], [1.0], [[1.0]], logarithmic=True), "a bool is no list"),
         (lambda: bi.Slew("a", None, TIME, rate=RATE), "slews.a.start: None is not finite"),
         (lambda: bi.Slew("a", "noon", TIME, rate=RATE), "slews.a.start: .*seconds or datetimes"),
         (lambda: bi.Slew("a", pd.NaT, TIME, rate=RATE), "slews.a.start: NaT is not finite"),
@@ -62,7 +92,7 @@ of_moments = bi.GaussianPrior.of_principal_moments
         (lambda: bi.with_orbit(small_campaign(), None, "2023-09-04"), "tle: None is no path"),
         (lambda: bi.InertiaPrior([[1, 2], [3]], 0.1, 0.1), "inertia.tensor: no array of numbers"),
         (lambda: of_moments(MOMENTS, [0.1, 0.1], 2.0), "relative_sd: .*nor one for each of 3"),
-        (lambda: of_moments(MOMENTS[:2], 0.1, 2.0), "no body has these moments"),
+        (lambda: of_moments(MOMENTS[:2], 0.1, 2.0), r"principal_moments: shape \(2,\) is not"),
         (
             lambda: of_moments(MOMENTS, 0.1, 2.0, scale_factors=[1, 1], scale_factors_sd=[1] * 3),
             "scale_factors_sd: .*nor one for each of 2",
@@ -74,16 +104,24 @@ def test_what_is_no_number_is_said_with_its_key(make, says):
         make()
 
 
+def test_what_is_masked_is_not_measured():
+    masked = np.ma.masked_array(np.ones((3, 3)), mask=np.eye(3))
+    for given in (masked, masked.astype(int), list(masked)):
+        rate = bi.Slew("a", 0.0, TIME, rate=given).rate
+        np.testing.assert_array_equal(rate, np.where(np.eye(3), np.nan, 1.0))
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
         ({"slews": bi.Slew("a", 0.0, TIME, rate=RATE)}, "slews: a Slew is no list"),
-        ({"slews": [TIME]}, "slews: a ndarray is not what belongs here; list each as a Slew"),
+        ({"slews": [TIME]}, "slews: an ndarray is no Slew; give a Slew"),
+        ({"name": None}, "name: a NoneType is no str"),
         ({"wheels": None}, "wheels: a NoneType is no list"),
-        ({"inertia": np.eye(3)}, "inertia: a ndarray is no InertiaPrior"),
+        ({"inertia": np.eye(3)}, "inertia: an ndarray is no InertiaPrior"),
         ({"rate_sensor": [bi.RateSensor(1e-5)]}, "rate_sensor: a list is no RateSensor"),
         ({"prior": "last_run"}, "prior: a str is no GaussianPrior"),
-        ({"actuators": [5]}, "actuators: a int .*list each as a KnownTorque or Magnetorquer or"),
+        ({"actuators": [5]}, "actuators: an int .*give a KnownTorque or Magnetorquer or"),
         ({"more_sensors": [bi.RateSensor(1e-5)]}, "more_sensors: a RateSensor is no pair of"),
         ({"more_sensors": [(5, bi.RateSensor(1e-5))]}, "more_sensors: a tuple is no pair of"),
         ({"mission": ["name"]}, "mission: a str is no pair"),

@@ -34,6 +34,12 @@ def test_one_set_that_holds_the_probability_is_named():
     assert found.nameless_lead == pytest.approx(-6.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_without_names_a_shape_that_is_all_the_probability_leads_by_infinity():
+    found = read_table(table({"": 0.0, SHAPE: 2000.0}), Rules(), significant=True)
+    assert (found.verdict, found.nameless_lead) == ("unknown", np.inf)
+
+
 def test_what_is_not_significant_is_not_named():
     found = read_table(table({"": 0.0, TORQUE: 20.0}), Rules(), significant=False)
     assert (found.verdict, found.named) == ("consistent", ())

@@ -71,7 +71,7 @@ def design(**settings):
         (lambda: PlannedSlew("x", 0.5), "slews.axis: no array of numbers"),
         (lambda: PlannedSlew((1, 0, 0), "30 deg"), "slews.angle: '30 deg' is not positive"),
         (lambda: bi.Plan("one", SLEW), "slews: a PlannedSlew is no list"),
-        (lambda: bi.Plan("one", [(1, 0, 0)]), "slews: a tuple is not what belongs here"),
+        (lambda: bi.Plan("one", [(1, 0, 0)]), "slews: a tuple is no PlannedSlew"),
         (lambda: bi.Plan("one", (SLEW,), start_attitude="x"), "start_attitude: no array"),
         (lambda: bi.Plan("one", (SLEW,), first_fix=None), "first_fix: None is no time"),
         (

@@ -30,6 +30,13 @@ def test_plan_file_round_trip(tmp_path):
     assert read_plan(path) == paper_like_plan()
 
 
+def test_what_is_no_plan_or_no_path_is_told(tmp_path):
+    with pytest.raises(CampaignError, match="plan: a str is no Plan"):
+        write_plan("x", tmp_path / "plan.toml")
+    with pytest.raises(CampaignError, match="path: None is no path"):
+        write_plan(paper_like_plan(), None)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

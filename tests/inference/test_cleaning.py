@@ -159,7 +159,7 @@ def motion(rows=400, at_rest=90):
     """A slew that rests, turns, and rests."""
     speed = np.zeros((rows, 3))
     speed[at_rest:-at_rest, 0] = np.sin(np.linspace(0.0, np.pi, rows - 2 * at_rest)) ** 2
-    return Slew("", 0.0, 0.25 * np.arange(rows), rate=0.01 * speed)
+    return Slew("a", 0.0, 0.25 * np.arange(rows), rate=0.01 * speed)
 
 
 def gauss_markov(rng, rows=400, phi=0.8):
@@ -240,7 +240,7 @@ def test_readings_that_do_not_change_for_long_are_judged_without_a_warning():
 def test_outliers_that_gather_where_torque_changes_are_no_dirt():
     torque = np.zeros((400, 1))
     torque[[100, 101, 250, 251]] = 1.0
-    slew = Slew("", 0.0, np.arange(400.0), rate=np.zeros((400, 3)), wheel_torque=torque)
+    slew = Slew("a", 0.0, np.arange(400.0), rate=np.zeros((400, 3)), wheel_torque=torque)
     flag = np.zeros((400, 3), bool)
     flag[[101, 102, 251, 252], 0] = True
     assert not away_from_switches((slew,), [flag])[0].any()

@@ -222,6 +222,27 @@ class NotADataclass(Torque):
     pass
 
 
+@dataclass(frozen=True)
+class OfLibrary(Torque):
+    name = "constant_torque"
+
+
+@dataclass(frozen=True)
+class NoName(Torque):
+    name = 3
+
+
+@dataclass(frozen=True)
+class UnknownNeed(Torque):
+    needs = ("magfield",)
+
+
+@dataclass(frozen=True)
+class NoSuchParameter(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["force"]
+
+
 @pytest.mark.parametrize(
     ("effect", "words"),
     [
@@ -248,6 +269,11 @@ class NotADataclass(Torque):
         (Unhashable(direction=[1.0]), "cannot be hashed"),
         (NotADataclass(), "not a frozen dataclass"),
         (Torque, "not an instance"),
+        (OfLibrary(), "the library has an effect called 'constant_torque'"),
+        (NoName(), "3 is no name for an effect"),
+        (UnknownNeed(), r"needs \['magfield'\], which no slew has; it may need magnetic_field_N"),
+        (NoSuchParameter(), "torque: body_torque fails: KeyError: 'force'"),
+        (OfPrior((lambda: 3,)), "priors of torque: an int is no Normal or LogNormal"),
         (OfPrior((Normal, 0.0, 0.0)), r"parameters.*Normal prior: the scale is 0.0"),
         (OfPrior((LogNormal, 1.0, np.nan)), "LogNormal prior: the scale is nan"),
         (Torque(prior_scale=0.0), r"prior_scale: 0.0 is not above zero"),
@@ -271,6 +297,10 @@ def test_the_good_effect_that_the_broken_ones_derive_from_passes(commanded):
         ([Torque], "is no effect; give instances"),
         (Torque(), "is no list of effects"),
         ([Unhashable(direction=[1.0])], "torque: the instance cannot be hashed"),
+        ([OfLibrary()], "the library has an effect called 'constant_torque'"),
+        ([NotADataclass()], "not a frozen dataclass"),
+        ([UnknownNeed()], r"needs \['magfield'\]"),
+        ([NoSuchParameter()], "torque: body_torque fails: KeyError: 'force'"),
     ],
 )
 def test_a_fit_says_what_is_no_list_of_effects(effects, says, campaign):
@@ -292,12 +322,28 @@ def test_a_fit_says_what_is_no_settings(campaign):
         bi.diagnose_and_fit(campaign, settings={"steps": 64})
 
 
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"as_stated": "no"}, "as_stated: a str is no bool; give True or False"),
+        ({"predict": 0}, "predict: an int is no bool"),
+        ({"context": {}}, "context: a dict is no FitContext"),
+        ({"alternatives": 3}, "alternatives: an int is no list"),
+    ],
+)
+def test_a_fit_says_what_is_no_argument_of_its_kind(asked, says, campaign):
+    with pytest.raises(bi.SettingsError, match=says):
+        bi.fit(campaign, **asked)
+
+
 @pytest.mark.parametrize("noise", [bi.ChannelNoise("student_t"), "student_t"])
 def test_a_fit_says_what_is_no_model_of_the_noise(noise, campaign):
     with pytest.raises(bi.CampaignError, match=r"noise: a \w+ is no NoiseModel; give"):
         bi.fit(campaign, noise=noise)
     with pytest.raises(bi.SettingsError, match="noise of rate: 'student_t' is no ChannelNoise"):
         bi.NoiseModel(rate="student_t")
+    with pytest.raises(bi.SettingsError, match="scale_sampled: a str is no bool"):
+        bi.ChannelNoise(scale_sampled="x")
 
 
 @pytest.mark.long

@@ -121,7 +121,7 @@ BROKEN = {
     "no unit": (PUSH.replace('"N m"', '"deg"'), "Push", ["deg", "SI"]),
     "parameters fail": (PUSH.replace("vector(", "vectr("), "Push", ["parameters(campaign)"]),
     "no width": (PUSH.replace("1e-5", "0.0"), "Push", ["parameters(campaign)", "scale is 0.0"]),
-    "hook fails": (PUSH.replace('p["torque"]', 'p["force"]'), "Push", ["predicting telemetry"]),
+    "hook fails": (PUSH.replace('p["torque"]', 'p["force"]'), "Push", ["body_torque fails"]),
     "hook of a wrong shape": (
         PUSH.replace('return p["torque"]', "return jnp.ones(4)"),
         "Push",

@@ -136,6 +136,13 @@ def test_numbers_that_make_no_prior_are_refused_where_it_is_made(kind, numbers, 
         kind(*numbers)
 
 
+def test_a_parameter_says_what_is_no_prior_and_no_component():
+    with pytest.raises(SettingsError, match="priors of a: an int is no Normal or LogNormal"):
+        scalar("a", unit="m", prior=3)
+    with pytest.raises(SettingsError, match="components of a: an int is no list"):
+        vector("a", 3, unit="m", prior=Normal(0.0, 1.0))
+
+
 @pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
 def test_a_prior_scale_that_is_no_factor_is_refused_by_the_model(factor, campaign):
     with pytest.raises(EffectError, match=f"^constant_torque, .*prior_scale: {factor}"):

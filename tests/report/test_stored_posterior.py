@@ -14,7 +14,7 @@ import xarray as xr
 from support.campaign_files import assert_teaches
 
 from bayes_inertia.app.cli import main
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError, OutputError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import summary_from_json, with_prior
 from bayes_inertia.inference.posterior import Posterior
@@ -50,6 +50,21 @@ def stored(made, tmp_path):
 def test_a_stored_posterior_is_read_back(stored):
     assert SEAL in stored.read_bytes()[-100:]
     assert Posterior.load(stored).summary()["parameters"]["Jxx"]["sd"] > 0.0
+
+
+def test_what_is_no_posterior_is_told(made, tmp_path):
+    posterior = made("one_slew")
+    for call in (Posterior.load, posterior.save):
+        with pytest.raises(CampaignError, match="path: None is no path"):
+            call(None)
+    for tree in (None, xr.DataTree()):
+        with pytest.raises(CampaignError, match="tree: the format is not bayes-inertia-posterior"):
+            Posterior(tree)
+    xr.DataTree().to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(CampaignError, match=r"other\.nc, tree: the format is not"):
+        Posterior.load(tmp_path / "other.nc")
+    with pytest.raises(SettingsError, match=r"draws: its shape is \(3, 4\)"):
+        posterior.widened(np.ones((3, 4)))
 
 
 def test_a_flipped_bit_is_reported_by_every_command(stored, capsys):
