@@ -56,7 +56,8 @@ def _card(slew: Slew) -> Card:
 class Slew:
     """Telemetry of one slew: arrays of n rows.
 
-    A channel is None where its columns are absent; NaN stands where a cell is empty.
+    A channel is None where its columns are absent; NaN, or a mask, stands where a cell is empty.
+    Numbers that carry a unit are refused.
 
     Parameters
     ----------

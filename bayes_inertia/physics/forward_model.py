@@ -111,7 +111,7 @@ class Model:
         campaign = self.campaign.without_locked_wheels()
         effects = tuple(effect.in_campaign(campaign) for effect in require_effects(self.effects))
         for effect in effects:
-            if type(effect).__module__.partition(".")[0] != __package__.partition(".")[0]:
+            if not type(effect).__module__.startswith("bayes_inertia."):
                 check_declaration(effect, campaign)  # the package's own keep the contract
         advice = "give one, such as NoiseModel(rate=ChannelNoise('student_t'))"
         require_kind(self.noise, NoiseModel, "key noise", advice)

@@ -127,6 +127,8 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
 class WalkOfEachSlew(RateRandomWalk):
     """A random walk that begins anew in every slew."""
 
+    name = "walk_of_each_slew"
+
     def covariance_across_slews(self, p, slews):
         return None
 

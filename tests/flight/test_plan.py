@@ -139,5 +139,5 @@ def test_plans_are_compared_for_a_campaign_as_for_its_mission(monkeypatch):
     campaign = small_campaign()
     (of_campaign,) = compare_plans([paper_like_plan()], campaign)
     assert (of_campaign,) == compare_plans([paper_like_plan()], Mission.of(campaign))
-    with pytest.raises(bi.CampaignError, match="no campaign and no mission"):
+    with pytest.raises(bi.CampaignError, match="a str is no Campaign or Mission"):
         compare_plans([paper_like_plan()], "campaign.toml")

@@ -26,7 +26,7 @@ from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.likelihood import Point
-from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
@@ -202,6 +202,7 @@ def test_a_view_of_the_callers_array_is_copied():
 def test_a_tree_of_data_stays_a_tree():
     # A DataTree is a mapping, but no dictionary: copied as one it would lose its attributes.
     tree = xr.DataTree.from_dict({"/posterior": xr.Dataset({"Jxx": ("draw", np.zeros(3))})})
+    tree.attrs["format"] = FORMAT
     assert Posterior(tree).tree is tree
 
 

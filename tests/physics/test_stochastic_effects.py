@@ -169,31 +169,36 @@ def test_fixes_without_a_gap_are_one_group(rows, expected):
 
 
 @dataclass(frozen=True)
-class NotZeroAtNull(RateBiasSlewDrift):
+class OwnDrift(RateBiasSlewDrift):
+    name = "own_drift"
+
+
+@dataclass(frozen=True)
+class NotZeroAtNull(OwnDrift):
     def coefficient_root(self, p, slew, count):
         return (p["sd"] + 1e-9) * jnp.eye(count)
 
 
 @dataclass(frozen=True)
-class NotDefinite(RateBiasSlewDrift):
+class NotDefinite(OwnDrift):
     def coefficient_root(self, p, slew, count):
         return p["sd"] * jnp.ones((count, count))
 
 
 @dataclass(frozen=True)
-class NotFinite(RateBiasSlewDrift):
+class NotFinite(OwnDrift):
     def coefficient_root(self, p, slew, count):
         return p["sd"] * jnp.eye(count) * jnp.sqrt(-p["sd"])
 
 
 @dataclass(frozen=True)
-class NoCoefficients(RateBiasSlewDrift):
+class NoCoefficients(OwnDrift):
     def coefficient_count(self, campaign):
         return 0
 
 
 @dataclass(frozen=True)
-class WrongShape(RateBiasSlewDrift):
+class WrongShape(OwnDrift):
     def coefficient_count(self, campaign):
         return 2
 
@@ -202,13 +207,13 @@ class WrongShape(RateBiasSlewDrift):
 
 
 @dataclass(frozen=True)
-class WrongShapeAcrossSlews(RateBiasSlewDrift):
+class WrongShapeAcrossSlews(OwnDrift):
     def covariance_across_slews(self, p, slews):
         return p["sd"] ** 2 * jnp.eye(1)
 
 
 @dataclass(frozen=True)
-class NoCovarianceAcrossSlews(RateBiasSlewDrift):
+class NoCovarianceAcrossSlews(OwnDrift):
     def covariance_across_slews(self, p, slews):
         return -(p["sd"] ** 2) * jnp.eye(len(slews.start))
 
