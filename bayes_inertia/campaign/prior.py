@@ -106,7 +106,7 @@ class GaussianPrior:
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, numbers(value, f"{key}.{field}"))
-        names, logarithmic = self.names, self.logarithmic
+        names = self.names
         k, advice = len(names), "give one number a name, and one covariance a pair"
         vectors = (self.mean, self.lower, self.upper, self.beyond_sd)
         fits = all(x is None or x.shape == (k,) for x in vectors)
@@ -117,7 +117,7 @@ class GaussianPrior:
         what = f"{unknown[:1]} is no element of J and no scale factor"
         advice = f"choose among {', '.join(ELEMENTS)} and K1, K2, ..."
         require(not unknown, f"{key}.names", what, advice)
-        known = set(logarithmic) <= set(names)
+        known = set(self.logarithmic) <= set(names)
         require(known, f"{key}.logarithmic", "names what has no mean", "name it under names too")
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         require(finite, key, "a number is not finite", "give finite numbers")
