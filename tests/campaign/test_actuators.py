@@ -76,8 +76,8 @@ def test_wrong_inputs_are_refused_in_words():
         (([0.0, 1.0], [0.0]), "shape"),
         (([0.0, 1.0], [1.5, 0.0], "on_time"), "lasts beyond the next reading"),
         (([0.0, 1.0], [0.5, 0.0], "step"), "choose one of hold"),
-        ((np.array(["2026-01-01", "2026-01-02"], "datetime64[ms]"), [0.5, 0.0]), "are dates"),
-        (([datetime(2026, 1, 1), datetime(2026, 1, 2)], [0.5, 0.0]), "are dates"),
+        ((np.array(["2026-01-01", "2026-01-02"], "datetime64[ms]"), [0.5, 0.0]), "of dates"),
+        (([datetime(2026, 1, 1), datetime(2026, 1, 2)], [0.5, 0.0]), "of dates"),
     ):
         with pytest.raises(CampaignError, match=words):
             InputStream(*arguments)
