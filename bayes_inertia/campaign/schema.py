@@ -30,7 +30,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "rad/s": 1.0,
         "mrad/s": 1e-3,
         "deg/s": math.pi / 180.0,
-        "deg/h": math.pi / 180.0 / 3600.0,
+        "mdeg/s": math.pi / 180.0 / 1e3,
+        "deg/h": math.pi / 180.0 / 3600.0,  # and arcsec/s
+        "rpm": 2.0 * math.pi / 60.0,
     },
     "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
     "position": {"m": 1.0, "km": 1e3},

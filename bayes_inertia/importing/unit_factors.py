@@ -2,8 +2,8 @@
 
 To pint an angle has no dimension. Here a rate needs one, so that 1/s, which could mean turns or
 radians, is refused; of a wheel, hertz and 1/min are turns. The spellings that pint does not know
-(mNm, Nms, N.m, deg/sec, krpm, s-1) are rewritten before it reads them. The units of a campaign
-folder are fewer and stand in `campaign.units`.
+(mNm, Nms, N.m, deg/sec, krpm, s-1) are rewritten before it reads them. Suggested are the units of a
+campaign folder, `campaign.schema.UNITS`, which `doctor` tries.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.importing.limits import LIMITS
 
 _SPELLED = vocabulary("importing")["units"]
-QUANTITIES: Mapping[str, Sequence[str]] = _SPELLED["quantities"]
+QUANTITIES: Mapping[str, Sequence[str]] = {
+    quantity: (next(iter(units)), ", ".join(units)) for quantity, units in UNITS.items()
+} | _SPELLED["quantities"]
 """For each quantity its SI unit (with radians) and the units that an error suggests."""
 
 _ONE = frozenset({"1", "-", "", "none", "unitless", "dimensionless"})
@@ -103,7 +106,7 @@ def _factor(quantity: str, spelled: str) -> float:
     """SI units of a quantity in a unit that pint reads; its errors are pint's."""
     import pint
 
-    si, registry = QUANTITIES[quantity][0], _registry()
+    si, registry = spelled_for_pint(QUANTITIES[quantity][0]), _registry()
     # An expression may hold a factor of its own, as that of the gauss does.
     value = registry.Quantity(1.0) * registry.parse_expression(spelled)
     factor = float(value.to(si).magnitude)
