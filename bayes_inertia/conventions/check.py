@@ -48,6 +48,7 @@ from bayes_inertia.conventions.laws import (
 )
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import (
+    TORQUE,
     KeyChange,
     Mistake,
     Reading,
@@ -59,7 +60,7 @@ from bayes_inertia.conventions.reading import (
     stated_by,
     untold,
 )
-from bayes_inertia.conventions.search import Remedy, judged
+from bayes_inertia.conventions.search import Remedy, alike, judged
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -84,8 +85,20 @@ def what_mends(
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
         return exact or _of_streams(misfits, reading, stated) or mending, remarks
-    better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
-    return (*mending, *better), remarks
+    said = _of_wheels(mending[0].mistake.mend(reading))
+    more = [
+        remedy
+        for remedy in exact
+        if remedy.after <= alike(mending[0].after)
+        and not np.allclose(_of_wheels(remedy.mistake.mend(reading)), said, LIMITS.one_factor, 0.0)
+    ]
+    return (*mending, *more), remarks
+
+
+def _of_wheels(reading: Reading) -> np.ndarray:
+    """(k, k): from commands to tachometers, but for physics; alike where a unit is the factor."""
+    wheels = reading.axes_B.shape[1]
+    return reading.matrix(MOMENTUM.field, wheels) @ np.linalg.inv(reading.matrix(TORQUE, wheels))
 
 
 def _of_streams(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:

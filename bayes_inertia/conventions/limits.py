@@ -77,8 +77,6 @@ class Limits:
     # 0.15 sd is 1.5 % of the motion, less than what undisclosed physics may hide.
     equal_factor: float = 2.0
     equal_misfit: float = 0.15
-    # A free factor is named beside a wrong unit if it leaves a fifth less than the unit does.
-    clearly: float = 0.8
     # Between a misfit of one sd and `IMPOSSIBLE` data are possible as stated, but a change is
     # proposed that brings the misfit down by four. Hidden effects leave as much as that; but no
     # change of convention imitates an effect so well.

@@ -101,7 +101,7 @@ class _Search:
             if self.misfits.mends(mended, limit):
                 mending.append(Remedy(mistake, self.before, laws.worst(self.misfits.of(mended))))
         best = min((remedy.after for remedy in mending), default=0.0)
-        equals = [remedy for remedy in mending if remedy.after <= _alike(best)]
+        equals = [remedy for remedy in mending if remedy.after <= alike(best)]
         equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
         # Two roads to one proposal are one.
         proposals = {
@@ -140,10 +140,10 @@ def _impossible(search: _Search, singles: Sequence[Mistake], biased: float) -> t
 
 def _as_good(remedies: Sequence[Remedy], other: float) -> bool:
     """Whether a remedy mends as well as another explanation does, or better."""
-    return bool(remedies) and min(remedy.after for remedy in remedies) <= _alike(other)
+    return bool(remedies) and min(remedy.after for remedy in remedies) <= alike(other)
 
 
-def _alike(misfit: float) -> float:
+def alike(misfit: float) -> float:
     """The misfit below which the data hold two explanations equal."""
     return LIMITS.equal_factor * misfit + LIMITS.equal_misfit
 

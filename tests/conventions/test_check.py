@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.commands import run
 
@@ -115,6 +116,18 @@ def test_a_spin_inertia_that_is_wrong_by_a_factor_is_mended(tmp_path, wrong, fac
     assert f"wheel_z differ by a factor of {factor}" in check.doubts[0]
 
 
+def test_a_factor_of_ten_is_listed_beside_the_unit_that_lies_near(tmp_path):
+    speed = {"names": ["h1_Nms", "h2_Nms", "h3_Nms"], "unit": "rad/s", "relative_to": "body"}
+    keys = {"columns.wheel_momentum": None, "columns.wheel_speed": speed}
+    spin = {f"wheels.wheel_{axis}.spin_inertia": 0.01 for axis in "xyz"}
+    # What else is unknown leaves more than the two differ by.
+    keys["inertia.tensor"] = (1.15 * np.array(value_of(EXAMPLE, "inertia.tensor"))).tolist()
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", keys | spin)
+    check = check_conventions(in_another_unit(folder, "h", 1e3), quick=True)
+    named = {change.key: change.mended for change in check.changes}
+    assert named == {"columns.wheel_speed.unit": "rpm"} | dict.fromkeys(spin, 0.001)
+
+
 def test_turns_a_minute_that_are_stated_as_turns_a_second_are_no_degrees(tmp_path):
     speed = {"names": ["h1_Nms", "h2_Nms", "h3_Nms"], "unit": "Hz", "relative_to": "body"}
     keys = {"columns.wheel_momentum": None, "columns.wheel_speed": speed}
@@ -128,6 +141,7 @@ def test_turns_a_minute_that_are_stated_as_turns_a_second_are_no_degrees(tmp_pat
     ("prefix", "factor", "key", "unit"),
     [
         ("w", 206264.806, "columns.rate.unit", "deg/h"),
+        ("w", 57295.7795, "columns.rate.unit", "mdeg/s"),
         ("h", 1e3, "columns.wheel_momentum.unit", "mN m s"),
     ],
 )
