@@ -38,10 +38,11 @@ from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
-_EFFECT = {
-    CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
-    CONSERVATION: "rate_sensor_delay",
-    DRIVE: "wheel_command_lag",
+# What makes it late, and early.
+_EFFECTS = {
+    CLOSURE: ("star_tracker_time_offset", "star_tracker_time_offset or rate_sensor_delay"),
+    CONSERVATION: ("", "rate_sensor_delay"),
+    DRIVE: ("", "wheel_command_lag"),
 }
 
 
@@ -65,13 +66,7 @@ def clocks(
         for law, late in told.items()
     }
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
-    remarks = tuple(
-        f"the {_STREAM[law]} are {_sense(late.seconds)} against the rate: as little as a physical "
-        f"effect can be ({_EFFECT[law]}); `diagnose` fits it, unless you know of a clock error"
-        "".replace("star tracker are", "star tracker is")
-        for law, late in told.items()
-        if law not in gross
-    )
+    remarks = tuple(_remark(late) for law, late in told.items() if law not in gross)
     proposals = []
     for shifts, late in _proposals(misfits, gross, told, stated):
         mistake = _mistake(stated, shifts)
@@ -79,6 +74,17 @@ def clocks(
         if moved is not None and worst(moved.of(reading)) < LIMITS.ordinary:
             proposals.append(Remedy(mistake, late.before, late.after))
     return tuple(proposals), remarks
+
+
+def _remark(late: Lateness) -> str:
+    """What a lateness that is no wrong clock may be."""
+    are = "is" if late.law == CLOSURE else "are"
+    said = f"the {_STREAM[late.law]} {are} {_sense(late.seconds)} against the rate: as little as "
+    if effect := _EFFECTS[late.law][late.seconds > 0.0]:
+        advice = "`diagnose` fits it, unless you know of a clock error"
+        return f"{said}a physical effect can be ({effect}); {advice}"
+    advice = "look for a clock error of either stream, and state it as `offset_s`"
+    return f"{said}sensors are late, but no effect has this sense; {advice}"
 
 
 def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:

@@ -68,6 +68,20 @@ def test_wheels_that_lag_their_commands_are_physical(right):
     assert any("wheel_command_lag" in remark for remark in check.remarks)
 
 
+@pytest.mark.parametrize("seconds", [0.2, -0.2])
+def test_a_delay_is_named_where_rates_are_late_and_a_clock_where_they_are_early(right, seconds):
+    def moved(slew):
+        read = [np.interp(slew.time - seconds, slew.time, column) for column in slew.rate.T]
+        return replace(slew, rate=np.stack(read, axis=1), attitude=None)
+
+    slews = tuple(moved(slew) for slew in right.slews)
+    check = check_conventions(replace(right, slews=slews), quick=True)
+    assert check.verdict == "consistent"
+    (remark,) = check.remarks
+    assert ("rate_sensor_delay" in remark) == (seconds > 0.0)
+    assert ("state it as `offset_s`" in remark) == (seconds < 0.0)
+
+
 def without_fixes_in_motion(campaign: Campaign) -> Campaign:
     def kept(slew):
         # The body is turned from 8 to 54 s, and hardly before.
