@@ -220,8 +220,8 @@ def _other_names(tried: Tried) -> Iterator[OtherColumns]:
     kind = BY_KEY.get(tried.entry.key)
     which = range(len(names)) if kind is None else kind.exchangeable(tried.entry.columns)
     yield from in_other_order(names, what, which)
-    if tried.sign:
-        yield from signed(names, what)
+    if tried.sign or len(which) < len(names):
+        yield from signed(names, what, which=which)
     if tried.axes:
         yield from along_other_axes(names, what)
 
@@ -290,17 +290,23 @@ def in_other_order(
         yield OtherColumns([names[k] for k in index], np.eye(len(names))[index], rarity, words)
 
 
-def signed(names: Sequence[str], what: str, vector: bool = True) -> Iterator[OtherColumns]:
-    """All columns of a quantity with the other sign, one of them, or two of a vector's three."""
+def signed(
+    names: Sequence[str], what: str, vector: bool = True, which: Sequence[int] | None = None
+) -> Iterator[OtherColumns]:
+    """All columns of a quantity with the other sign, one of them, or two of a vector's three.
+
+    `which`: those that may lack it; of a part of the columns, such as a quaternion's vector, one.
+    """
     count = len(names)
+    which = range(count) if which is None else which
     pairs = combinations(range(count), 2) if vector and count == 3 else ()
-    flips = dict.fromkeys([tuple(range(count)), *combinations(range(count), 1), *pairs])
-    for flipped in flips if count else ():
+    every = [tuple(which)] if len(which) == count else []
+    for flipped in dict.fromkeys([*every, *combinations(which, 1), *pairs]) if count else ():
         sign = np.where(np.isin(np.arange(count), flipped), -1.0, 1.0)
         other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
-        every = len(flipped) == count > 1
-        which = "all columns" if every else " and ".join(names[k] for k in flipped)
-        words = f"{which} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
+        named = " and ".join(names[k] for k in flipped)
+        named = "all columns" if len(flipped) == count > 1 else named
+        words = f"{named} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
         yield OtherColumns(other, np.diag(sign), 3 if len(flipped) in (1, count) else 4, words)
 
 
@@ -359,8 +365,12 @@ def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -
         )
         return Mistake(changes, 3, with_values(axes_B=mended_B), words)
 
-    for other in (*signed(names, what, vector=False), *in_other_order(names, what)):
-        yield mistake(axes_B @ other.matrix.T, other.words)
+    others = [*signed(names, what, vector=False), *in_other_order(names, what)]
+    mended = [(axes_B @ other.matrix.T, other.words) for other in others]
+    # A component of all axes; of a wheel along it that is the sign of its axis.
+    mended += [(other.matrix @ axes_B, other.words) for other in signed("xyz", what) if names]
+    once = {listed.tobytes(): (listed, words) for listed, words in reversed(mended)}
+    yield from (mistake(*each) for each in reversed(once.values()))
     commands = [each for each in tried if each.entry.field == TORQUE]
     if commands and stated.of(MOMENTUM.field):
         # The momentum alone has the other sign: all axes and the sense of the torque change.

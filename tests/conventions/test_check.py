@@ -24,6 +24,7 @@ WRONG = {
     "quaternion order": {"columns.attitude.scalar": "first"},
     "quaternion direction": {"columns.attitude.maps": "body_to_inertial"},
     "rate unit": {"columns.rate.unit": "deg/s"},
+    "quaternion element": {"columns.attitude.names": ["q1", "-q2", "q3", "q4"]},
     "torque sign": {"columns.wheel_torque.acts_on": "body"},
     "wheel axis": {Y: [0.0, -1.0, 0.0]},
     "gyro axes": {"columns.rate.names": ["wy_radps", "wx_radps", "wz_radps"]},
