@@ -161,7 +161,8 @@ def verdict_in_words(
         return "\n".join([begin, *places, _WORDS["look_there"]])
     if not remedies:
         other = any(not doubt.startswith(_OF_LAWS) for doubt in doubts)
-        return "\n".join([_impossible(misfits), *places, _WORDS["advice"][int(other)]])
+        advice = _WORDS["advice"] if other else _unmended(misfits)
+        return "\n".join([_impossible(misfits), *places, advice])
     best = remedies[0]
     # Noises that share a wrong unit only follow.
     keys = sum(not change.key.endswith("sigma") for change in best.mistake.changes)
@@ -184,6 +185,13 @@ def verdict_in_words(
 
 
 _OF_LAWS = tuple(LAWS_IN_WORDS.values())
+
+
+def _unmended(misfits: Mapping[str, float]) -> str:
+    """Where to look if no change mends the laws that fail."""
+    fail = [law for law, misfit in misfits.items() if misfit > LIMITS.impossible]
+    words = _WORDS["unmended"]
+    return str(words["said"].format("; and for ".join(words[law] for law in fail)))
 
 
 def _impossible(misfits: Mapping[str, float]) -> str:
