@@ -60,7 +60,7 @@ from bayes_inertia.conventions.reading import (
     stated_by,
     untold,
 )
-from bayes_inertia.conventions.search import Remedy, alike, judged
+from bayes_inertia.conventions.search import Remedy, alike, apart, judged
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -84,7 +84,8 @@ def what_mends(
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
-        return exact or _of_streams(misfits, reading, stated) or mending, remarks
+        found = exact or _of_streams(misfits, reading, stated) or mending
+        return found or apart(misfits, reading, singles, stated), remarks
     said = _of_wheels(mending[0].mistake.mend(reading))
     more = [
         remedy
@@ -361,11 +362,11 @@ def _held_against_laws(case: _Case, misfits: Misfits, faults: tuple[str, ...]) -
     if misfits.smoothed:
         mending = tuple(r for r in mending if _is_told(r.mistake, misfits.own_axes))
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
-    doubts = faults + _doubts(case, misfits, reading, differ, bool(mending))
-    verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending[0] in remedies else reading)
         mending = (_completed(mending[0], case), *mending[1:])
+    doubts = faults + _doubts(case, misfits, reading, differ, bool(mending))
+    verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
     fits = misfits.of(stated if wrong else reading)
     by_law = {law: round(fit.worst, 3) for law, fit in fits.items()}
@@ -408,10 +409,10 @@ def _doubts(
     differ: Factors | None,
     mended: bool,
 ) -> tuple[str, ...]:
-    """Doubtful channels and places; of mended data only where commands and tachometers differ."""
+    """Doubtful channels and places; of mended data factors, and laws that stay broken."""
     factor = () if differ is None else differ.words()
     if mended:
-        return factor
+        return (*factor, *doubtful_places(misfits, reading))
     written, stated = case.written, case.stated
     holds = {law: fit.worst < LIMITS.ordinary for law, fit in misfits.of(reading).items()}
     return (

@@ -67,6 +67,19 @@ def judged(
     return _impossible(search, singles, biased), reading
 
 
+def apart(
+    misfits: laws.Misfits, reading: Reading, singles: Sequence[Mistake], keys: Stated
+) -> tuple[Remedy, ...]:
+    """Mistakes that explain the other laws, where physics breaks one that no mistake mends."""
+    broken = _broken(misfits.of(reading))
+    for mistake in singles:
+        broken &= _broken(misfits.of(mistake.mend(reading)))
+    others = replace(misfits, aside=broken)
+    if not broken or laws.worst(others.of(reading)) <= LIMITS.impossible:
+        return ()
+    return judged(others, reading, singles, keys)[0]
+
+
 def _is_stale(misfits: laws.Misfits, stated: Reading, own: Reading) -> bool:
     """Whether another bias explains the data much better, closure among them where fixes are."""
     before, after = misfits.of(stated), misfits.of(own)

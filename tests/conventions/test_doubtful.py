@@ -17,7 +17,7 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
 from bayes_inertia.conventions.reading import Stated
-from bayes_inertia.conventions.wording import invisible_in_brief
+from bayes_inertia.conventions.wording import invisible_in_brief, verdict_in_words
 from tests.support.wrong_conventions import with_keys
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -267,6 +267,45 @@ def test_doubtful_says_which_law_fails_where():
     assert "conservation of momentum: slew" in check.sentence
     assert "about y" in check.sentence
     assert "agree" not in check.sentence
+
+
+@pytest.mark.parametrize(("law", "torque"), [("closure", False), ("conservation", True)])
+def test_where_nothing_mends_the_advice_is_of_the_law_that_fails(law, torque):
+    said = verdict_in_words({law: 12.0}, (), "wrong", ())
+    assert ("look for a torque" in said) == torque
+
+
+def test_a_mistake_of_the_star_tracker_is_named_whatever_a_wheel_does():
+    campaign = with_channel("wheel_torque", lambda u: u)
+    first, *rest = campaign.slews
+    slews = (replace(first, wheel_torque=first.wheel_torque * [3.0, 1.0, 1.0]), *rest)
+    turned = [replace(slew, attitude=slew.attitude * [-1.0, -1.0, -1.0, 1.0]) for slew in slews]
+    check = check_conventions(replace(campaign, slews=tuple(turned)), quick=True)
+    assert [c.key for c in check.changes if c.proposal == 1] == ["columns.attitude.maps"]
+    assert "the commanded torque against the tachometers: wheel_x of" in check.sentence
+
+
+def test_a_component_of_all_wheel_axes_may_have_the_other_sign():
+    campaign = read_campaign(EXAMPLE)
+    axes_B = np.array([[0.8, 0.0, 0.6], [-0.4, 0.7, 0.6], [-0.4, -0.7, 0.6]])
+    axes_B /= np.linalg.norm(axes_B, axis=1, keepdims=True)
+    slews = [
+        replace(
+            slew,
+            wheel_torque=slew.wheel_torque @ np.linalg.inv(axes_B),
+            wheel_momentum=slew.wheel_momentum @ np.linalg.inv(axes_B),
+        )
+        for slew in campaign.slews
+    ]
+    wheels = [
+        replace(wheel, axis_B=axis * [1.0, 1.0, -1.0])
+        for wheel, axis in zip(campaign.wheels, axes_B, strict=True)
+    ]
+    wrong = replace(campaign, slews=tuple(slews), wheels=tuple(wheels))
+    check = check_conventions(wrong, quick=True)
+    assert "z of the wheels' axes has the other sign" in check.sentence
+    mended = [change.mended for change in check.changes if change.proposal == 1]
+    assert mended == pytest.approx(axes_B)
 
 
 UNSIGNED = {
