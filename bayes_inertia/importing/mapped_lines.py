@@ -20,7 +20,7 @@ OFFSET_OF = "streams.{}.offset_s"
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
 # What else a mapping may call a key.
-_OTHER_KEYS = {"axes": ("mounting", "body_from_sensor")}
+_OTHER_KEYS = {"axes": ("mounting", "body_from_sensor", "frame")}
 
 
 def mapped_lines(folder: Path, key: str) -> list[str]:

@@ -59,7 +59,18 @@ def parse_mapping(text: str, label: str) -> MappingPart:
             _check_mounting(stream, mapping, where)
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
-    return mapping
+    return mapping.model_copy(update={"streams": [_with_signs(x) for x in mapping.streams]})
+
+
+def _with_signs(stream: MappedStream) -> MappedStream:
+    """The stream in which a minus before a column, as in campaign.toml, is one of its scale."""
+    minus = [name.startswith("-") for name in stream.names]
+    if not any(minus):
+        return stream
+    signs, names = np.where(minus, -1.0, 1.0), [name.removeprefix("-") for name in stream.names]
+    given = {key: getattr(stream, key, None) for key in ("scale", "offset")}
+    numbers = {k: (signs * value + 0.0).tolist() for k, value in given.items() if value is not None}
+    return stream.model_copy(update={"names": names, **numbers})
 
 
 def _with_epochs(mapping: MappingPart) -> MappingPart:
@@ -148,7 +159,7 @@ def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None
 
 def _check_columns(stream: MappedStream, text: str, label: str) -> None:
     """Refuse a column that stands for two quantities of a stream."""
-    named = [*stream.time.names, *stream.names]
+    named = [*stream.time.names, *(name.removeprefix("-") for name in stream.names)]
     doubled = next((name for k, name in enumerate(named) if name in named[:k]), None)
     if doubled is None:
         return

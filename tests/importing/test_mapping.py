@@ -7,6 +7,7 @@ import pytest
 from support.campaign_files import assert_teaches
 from support.raw_logs import MAPPING, edited_mapping, log_columns, write_csv
 
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapped_lines import mapped_lines
@@ -247,6 +248,26 @@ def test_hardware_is_stated_in_the_units_of_its_data_sheet():
     assert mapping.wheels[0].max_torque == pytest.approx(0.02)
 
 
+def test_a_minus_before_a_column_gives_it_the_other_sign(tmp_path):
+    write_csv(tmp_path / "log.csv", log_columns([(60.0, 40.0, 1.0), (200.0, 40.0, -0.7)], 320.0))
+    signed = with_changes(('["wx",', '["-wx",'), ('"q2",', '"-q2",'))
+    signed = signed.replace('unit = "mN m"', 'unit = "mN m"\noffset = 0.5').replace('["t', '["-t')
+    first = []
+    for text, name in ((MAPPING, "right"), (signed.replace('["-t_', '["t_'), "signed")):
+        (tmp_path / "m.toml").write_text(text)
+        folder = import_logs([tmp_path / "log.csv"], tmp_path / "m.toml", tmp_path / name).folder
+        first.append(read_campaign(folder).slews[0])
+    right, other = first
+    np.testing.assert_allclose(other.rate, right.rate * [-1.0, 1.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(other.wheel_torque, -(right.wheel_torque + 5e-4), atol=1e-12)
+    fixes = np.isfinite(right.attitude).all(axis=1)
+    turned = right.attitude[fixes] * [1.0, -1.0, 1.0, 1.0]
+    same = np.abs((other.attitude[fixes] * turned).sum(axis=1))
+    np.testing.assert_allclose(same, 1.0, atol=1e-9)
+    with pytest.raises(CampaignError, match="is named twice"):
+        parse_mapping(with_changes(('["wx", "wy"', '["-wy", "wy"')), "m.toml")
+
+
 @pytest.mark.parametrize(
     ("value", "says"),
     [
@@ -271,6 +292,8 @@ def test_the_lines_of_a_mapping_are_found_again(tmp_path):
     assert mapped_lines(folder, "columns.rate.unit") == [
         f'mapping.toml, line {number}: unit = "deg/s"'
     ]
+    # Axes of rates that are along body axes stand nowhere else.
+    assert mapped_lines(folder, "rate_sensor.axes")[0].endswith('frame = "body"')
     assert mapped_lines(folder, "wheels.x.axis")[0].endswith("axis = [1.0, 0.0, 0.0]")
     assert mapped_lines(folder, "wheels.y.axis") == []
     assert mapped_lines(folder, "columns.wheel_torque.acts_on")[0].endswith('acts_on = "wheel"')
