@@ -13,6 +13,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.conventions.wording import invisible_in_brief
 from bayes_inertia.physics.small_campaign import small_campaign
 from tests.support.wrong_conventions import value_of, with_keys
 
@@ -66,6 +67,9 @@ def test_a_right_campaign_is_left_alone_whatever_physics_hides(name):
     assert max(check.misfits.values()) < 1.0
     assert set(check.misfits) == {"closure", "conservation", "drive"}
     assert any("common sign" in words for words in check.cannot_show)
+    brief = invisible_in_brief(check.cannot_show)[-1]
+    assert "boresight, but by the noise of its fixes" in brief
+    assert "the products of the stated tensor are written" in brief
 
 
 @pytest.mark.slow
