@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
@@ -281,7 +282,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     first = misfits.law(law, reading)
     if first is None or not first.early.any():
         return None
-    before, step = _shift(first)
+    before, step = _shift(first, law)
     if before < LIMITS.notable:
         return None
     shift, best = 0.0, (0.0, before)
@@ -323,7 +324,7 @@ def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> tuple
         shifts = {RATE.field: -seconds}
     moved = misfits.shifted(shifts)
     data = None if moved is None else moved.law(law, reading)
-    return (np.inf, 0.0) if data is None else _shift(data)
+    return (np.inf, 0.0) if data is None else _shift(data, law)
 
 
 def channel_of(misfits: Misfits, law: str) -> str:
@@ -331,8 +332,14 @@ def channel_of(misfits: Misfits, law: str) -> str:
     return {CLOSURE: ATTITUDE.field, DRIVE: TORQUE}.get(law, misfits.wheel_channel)
 
 
-def _shift(data: LawData) -> tuple[float, float]:
+def _shift(data: LawData, law: str) -> tuple[float, float]:
     """Residual of the law, and the shift that would lower it, to first order."""
+    if law != CLOSURE:  # Torques and friction that nobody told make momentum drift.
+        slews, moments, width = data.data.shape
+        drift = legvander(np.linspace(-1.0, 1.0, moments), LIMITS.slow_drift)[:, 1:]
+        slow = np.einsum("nk,ij->nikj", drift, np.eye(width)).reshape(moments, width, -1)
+        slow = np.broadcast_to(slow, (slews, *slow.shape))
+        data = replace(data, free=np.concatenate([data.free, slow], axis=-1))
     sharp = replace(data, sigma=data.sigma * LIMITS.sharp)
     left = sharp.fit()
     regressors = np.concatenate(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.check import check_conventions
@@ -80,6 +81,30 @@ def test_a_delay_is_named_where_rates_are_late_and_a_clock_where_they_are_early(
     (remark,) = check.remarks
     assert ("rate_sensor_delay" in remark) == (seconds > 0.0)
     assert ("state it as `offset_s`" in remark) == (seconds < 0.0)
+
+
+def under_a_torque(campaign: Campaign) -> Campaign:
+    """The same where an untold torque along inertial axes comes and goes in each slew."""
+
+    def pushed(slew):
+        since = (slew.time - slew.time[0]) / np.ptp(slew.time)
+        gained = np.outer(since**2 * (3.0 - 2.0 * since), [0.3, -0.2, 0.25])
+        seen = np.isfinite(slew.attitude).all(axis=1)
+        turned = Slerp(slew.time[seen], Rotation.from_quat(slew.attitude[seen]).inv())
+        times = np.clip(slew.time, *slew.time[seen][[0, -1]])
+        size = np.ptp(slew.wheel_momentum, axis=0).max()
+        stored = slew.wheel_momentum + size * turned(times).apply(gained)
+        return replace(slew, wheel_momentum=stored, wheel_torque=None)
+
+    return replace(campaign, slews=tuple(pushed(slew) for slew in campaign.slews))
+
+
+def test_a_wrong_clock_is_named_although_a_torque_acts(right):
+    pushed = under_a_torque(right)
+    assert check_conventions(pushed, quick=True).verdict == "consistent"
+    check = check_conventions(late(pushed, ("rate",)), quick=True)
+    assert check.changes[0].key == "columns.rate.offset_s"
+    assert check.changes[0].mended == pytest.approx(-LATE, abs=0.1)
 
 
 def without_fixes_in_motion(campaign: Campaign) -> Campaign:
