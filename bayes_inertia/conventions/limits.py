@@ -158,8 +158,8 @@ class Limits:
     clock_rounds: int = 6
     # A shift that changes by less than this share of itself has converged.
     shift_converged: float = 0.02
-    # Degree in time up to which a momentum that drifts in a slew tells no clock: a torque that comes,
-    # stays and goes is one of three. A clock shows in each turn of the body.
+    # Degree in time up to which a momentum that drifts in a slew tells no clock: the impulse of a
+    # torque that comes and goes is one of three. A clock shows in each turn of the body.
     slow_drift: int = 3
     # Sd of the prior of a lateness [s]: it only keeps the fit finite.
     lateness_prior_s: float = 1e3

@@ -71,13 +71,16 @@ def apart(
     misfits: laws.Misfits, reading: Reading, singles: Sequence[Mistake], keys: Stated
 ) -> tuple[Remedy, ...]:
     """Mistakes that explain the other laws, where physics breaks one that no mistake mends."""
-    broken = _broken(misfits.of(reading))
-    for mistake in singles:
-        broken &= _broken(misfits.of(mistake.mend(reading)))
-    others = replace(misfits, aside=broken)
-    if not broken or laws.worst(others.of(reading)) <= LIMITS.impossible:
+    before = misfits.of(reading)
+    if laws.worst(before) <= LIMITS.impossible:
         return ()
-    return judged(others, reading, singles, keys)[0]
+    broken = _broken(before)
+    for mistake in singles:
+        if misfits.may_mend(mended := mistake.mend(reading), LIMITS.ordinary):
+            broken &= _broken(misfits.of(mended))
+    others = replace(misfits, aside=broken)
+    found = laws.worst(others.of(reading)) > LIMITS.impossible
+    return judged(others, reading, singles, keys)[0] if broken and found else ()
 
 
 def _is_stale(misfits: laws.Misfits, stated: Reading, own: Reading) -> bool:
