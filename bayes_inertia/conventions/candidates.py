@@ -367,9 +367,10 @@ def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -
 
     others = [*signed(names, what, vector=False), *in_other_order(names, what)]
     mended = [(axes_B @ other.matrix.T, other.words) for other in others]
-    # A component of all axes; of a wheel along it that is the sign of its axis.
-    mended += [(other.matrix @ axes_B, other.words) for other in signed("xyz", what) if names]
-    once = {listed.tobytes(): (listed, words) for listed, words in reversed(mended)}
+    # A component of all axes, which wheels may lack; of a wheel along it that is its own sign.
+    mended += [(other.matrix @ axes_B, other.words) for other in signed("xyz", what, vector=False)]
+    once = {(axes + 0.0).tobytes(): (axes, words) for axes, words in reversed(mended)}
+    once.pop((axes_B + 0.0).tobytes(), None)
     yield from (mistake(*each) for each in reversed(once.values()))
     commands = [each for each in tried if each.entry.field == TORQUE]
     if commands and stated.of(MOMENTUM.field):

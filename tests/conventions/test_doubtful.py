@@ -14,9 +14,10 @@ from support.marks import LIKE_ANOTHER
 import bayes_inertia
 from bayes_inertia.app.commands.check import show_check
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
-from bayes_inertia.conventions.reading import Stated
+from bayes_inertia.conventions.reading import Stated, stated_by
 from bayes_inertia.conventions.wording import invisible_in_brief, verdict_in_words
 from tests.support.wrong_conventions import with_keys
 
@@ -306,6 +307,13 @@ def test_a_component_of_all_wheel_axes_may_have_the_other_sign():
     assert "z of the wheels' axes has the other sign" in check.sentence
     mended = [change.mended for change in check.changes if change.proposal == 1]
     assert mended == pytest.approx(axes_B)
+
+
+def test_every_mistake_of_wheels_in_one_plane_changes_a_key():
+    *wheels, last = read_campaign(EXAMPLE).wheels
+    locked = replace(read_campaign(EXAMPLE), wheels=(*wheels, replace(last, state="locked")))
+    planar = locked.without_locked_wheels()
+    assert all(mistake.changes for mistake in mistakes(planar, stated_by(planar), 3, False))
 
 
 UNSIGNED = {
