@@ -160,9 +160,7 @@ def verdict_in_words(
         begin = f"The data are doubtful under the stated conventions{size}:"
         return "\n".join([begin, *places, _WORDS["look_there"]])
     if not remedies:
-        other = any(not doubt.startswith(_OF_LAWS) for doubt in doubts)
-        advice = _WORDS["advice"] if other else _unmended(misfits)
-        return "\n".join([_impossible(misfits), *places, advice])
+        return "\n".join([_impossible(misfits), *places, _unmended(misfits, doubts)])
     best = remedies[0]
     # Noises that share a wrong unit only follow.
     keys = sum(not change.key.endswith("sigma") for change in best.mistake.changes)
@@ -187,8 +185,10 @@ def verdict_in_words(
 _OF_LAWS = tuple(LAWS_IN_WORDS.values())
 
 
-def _unmended(misfits: Mapping[str, float]) -> str:
+def _unmended(misfits: Mapping[str, float], doubts: Sequence[str]) -> str:
     """Where to look if no change mends the laws that fail."""
+    if any(not doubt.startswith(_OF_LAWS) for doubt in doubts):
+        return str(_WORDS["advice"])
     fail = [law for law, misfit in misfits.items() if misfit > LIMITS.impossible]
     words = _WORDS["unmended"]
     return str(words["said"].format("; and for ".join(words[law] for law in fail)))
