@@ -176,11 +176,11 @@ def test_a_single_wrong_stamp_moves_no_reading_to_another_time(tmp_path, columns
 
 def test_a_unit_is_written_as_the_campaign_format_spells_it(tmp_path, columns):
     log = write_csv(tmp_path / "log.csv", columns)
-    spelled = (('unit = "mN m"', 'unit = "mNm"'), ('unit = "deg/s"', 'unit = "rpm"'))
+    spelled = (('unit = "mN m"', 'unit = "mNm"'), ('unit = "deg/s"', 'unit = "arcmin/s"'))
     import_logs([log], edited_mapping(tmp_path, *spelled), tmp_path / FOLDER)
     text = (tmp_path / FOLDER / "campaign.toml").read_text()
     assert 'unit = "mN m"' in text
-    assert 'unit = "rad/s"' in text  # the campaign format has no rpm of a body
+    assert 'unit = "rad/s"' in text  # the campaign format has no arcmin/s
 
 
 def test_a_file_that_no_stream_names_is_said(tmp_path, columns):
