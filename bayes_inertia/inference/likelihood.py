@@ -293,6 +293,8 @@ def padded_sensitivities(
     moving = np.flatnonzero(~sensed)
     few, many = LIMITS.columns_at_once
     width = few if d + b + structure.n_start <= few else many
+    while width > 1 and width * model.data.contexts.time.shape[1] > LIMITS.numbers_of_columns:
+        width //= 2
     padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     pieces = slew_pieces(point, model.data, white)

@@ -11,6 +11,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.inference import likelihood
 from bayes_inertia.inference.likelihood import (
     Point,
     _plain_sensitivities,
@@ -271,3 +272,14 @@ def test_coefficients_that_only_sensors_feel_need_no_motion_of_their_own(small_f
     for channel, taken_together in zip(ours, every, strict=True):
         p, scale = taken_together.shape[-1], np.abs(taken_together).max(initial=1.0)
         assert np.asarray(channel)[..., :p] == pytest.approx(taken_together, abs=1e-9 * scale)
+
+
+def test_sensitivities_on_a_fine_grid_are_taken_few_columns_at_a_time(fitted, monkeypatch):
+    model, point, free = fitted.model, fitted.point, fitted.free
+    whole = unpadded_sensitivities(model, point, fitted.white, free)
+    points = model.data.contexts.time.shape[1]
+    fewer = replace(likelihood.LIMITS, numbers_of_columns=5 * points)
+    monkeypatch.setattr(likelihood, "LIMITS", fewer)
+    parts = unpadded_sensitivities(model, point, fitted.white, free)
+    for one, other in zip(whole.jacobian, parts.jacobian, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max(initial=1.0))
