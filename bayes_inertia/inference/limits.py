@@ -250,7 +250,7 @@ class Limits:
     # Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
     # model has more. Of one slew at a time, twice as many hardly take longer.
     columns_at_once: tuple[int, int] = (24, 48)
-    # Fewer, where they have more numbers on the integration grid: each takes some 4 kB, 1 GB in all.
+    # Fewer, where they have more numbers on the integration grid: 1 GB in all.
     numbers_of_columns: int = 250_000
 
     @property
