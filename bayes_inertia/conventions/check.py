@@ -56,7 +56,6 @@ from bayes_inertia.conventions.reading import (
     Teller,
     ToldTorques,
     further_sensors,
-    readings_of,
     stated_by,
     untold,
 )
@@ -262,8 +261,11 @@ def check_conventions(
     stated = stated_by(masked, parse_description(text, str(path)))
     case = _Case(masked, written, quick, ToldTorques(masked, told), stated, text)
     if _suspect(written, masked):
-        # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
-        check = _checked(replace(case, campaign=written))
+        # Readings that are impossible in numbers are in a wrong unit, or marks for missing values:
+        # no limit is believed.
+        sensor = written.rate_sensor
+        free = sensor if sensor is None else replace(sensor, range=None)
+        check = _checked(replace(case, campaign=replace(written, rate_sensor=free)))
         if check.changes:
             return check
     return _checked(case)
@@ -271,14 +273,13 @@ def check_conventions(
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
     """Whether so many readings are unbelievable that their unit may be to blame."""
-    for channel in (RATE.field, MOMENTUM.field):
-        before, after = (
-            np.concatenate([np.zeros(0), *map(np.ravel, readings_of(c, channel))])
-            for c in (written, masked)
-        )
-        count = np.isfinite(before).sum()
-        few = np.isfinite(after).sum() < LIMITS.believable_share * count
-        if few and np.nanmax(np.abs(before)) < LIMITS.largest_number:
+    for stream in (RATE, MOMENTUM):
+        pairs = zip(written.slews, masked.slews, strict=True)
+        given = [(before, after) for before, after in pairs if stream.of(before) is not None]
+        sizes = np.concatenate([[0.0], *(np.abs(stream.values(x)).ravel() for x, _ in given)])
+        believed = sum(int(stream.valid(masked, after).sum()) for _, after in given)
+        few = believed < LIMITS.believable_share * np.isfinite(sizes[1:]).sum()
+        if few and np.nanmax(sizes) < LIMITS.largest_number:
             return True
     return False
 

@@ -12,6 +12,8 @@ import pytest
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.wording import invisible_in_brief
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -156,6 +158,15 @@ def test_a_unit_that_makes_nearly_all_readings_unbelievable_is_named(
     folder = with_keys(EXAMPLE, tmp_path / "campaign", {"rate_sensor.range": 0.1})
     change = check_conventions(in_another_unit(folder, prefix, factor)).changes[0]
     assert (change.key, change.mended) == (key, unit)
+
+
+def test_a_unit_of_rates_beyond_the_range_is_named_where_nothing_but_the_wheels_tells(tmp_path):
+    flown = read_campaign(EXAMPLE)
+    slews = [replace(s, attitude=None, rate=np.degrees(s.rate)) for s in flown.slews]
+    sensor = replace(flown.rate_sensor, range=0.1)
+    misread = replace(flown, slews=slews, star_tracker=None, rate_sensor=sensor)
+    change = check_conventions(write_campaign(misread, tmp_path / "campaign")).changes[0]
+    assert (change.key, change.mended) == ("columns.rate.unit", "deg/s")
 
 
 def test_the_command_prints_one_document_and_ends_with_2(tmp_path, capsys):
