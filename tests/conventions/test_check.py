@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, Wheel
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.wording import invisible_in_brief
@@ -160,11 +163,20 @@ def test_a_unit_that_makes_nearly_all_readings_unbelievable_is_named(
     assert (change.key, change.mended) == (key, unit)
 
 
-def test_a_unit_of_rates_beyond_the_range_is_named_where_nothing_but_the_wheels_tells(tmp_path):
-    flown = read_campaign(EXAMPLE)
-    slews = [replace(s, attitude=None, rate=np.degrees(s.rate)) for s in flown.slews]
-    sensor = replace(flown.rate_sensor, range=0.1)
-    misread = replace(flown, slews=slews, star_tracker=None, rate_sensor=sensor)
+def test_a_unit_of_rates_beyond_the_range_is_named_of_a_body_that_tumbles_alone(tmp_path):
+    """Rates that do not count tell no motion, and what wheels that rest account for is none."""
+    time, J, rng = np.arange(0.0, 40.0, 0.1), np.array([3.0, 2.2, 1.6]), np.random.default_rng(1)
+    slews = []
+    for k, start in enumerate(0.6 * rng.normal(size=(4, 3))):
+        turning = lambda t, w: -np.cross(w, J * w) / J  # noqa: E731
+        rate = solve_ivp(turning, (0.0, 40.0), start, t_eval=time, rtol=1e-9).y.T
+        rate += 1e-3 * rng.normal(size=rate.shape)
+        momentum = 1e-5 * rng.normal(size=(len(time), 1))
+        slews.append(Slew(f"{k}", 1e3 * k, time, np.degrees(rate), wheel_momentum=momentum))
+    wheel = Wheel("w", [0.0, 0.0, 1.0], 1e-3, momentum_sigma=1e-5)
+    sensor = RateSensor(sigma=1e-3, range=4.0)
+    inertia = InertiaPrior(np.diag(1.05 * J), 0.1, 0.05)
+    misread = Campaign("tumble", inertia, (wheel,), sensor, None, slews)
     change = check_conventions(write_campaign(misread, tmp_path / "campaign")).changes[0]
     assert (change.key, change.mended) == ("columns.rate.unit", "deg/s")
 
