@@ -121,8 +121,8 @@ BAD_TOML = [
     ),
     (
         "unknown unit",
-        [('unit = "rad/s"', 'unit = "rpm"')],
-        ["key columns.rate.unit", "'rpm' is not one of", '"deg/s"'],
+        [('unit = "rad/s"', 'unit = "rps"')],
+        ["key columns.rate.unit", "'rps' is not one of", '"deg/s"'],
     ),
     ("no time", [('time = { names = ["t"], unit = "s" }\n', "")], ["key columns.time", "missing"]),
     (

@@ -250,7 +250,7 @@ BAD = [
     ("no torque of a wheel", [("torque = {", "max_torque = 1.0 #")], ["actuators.x.torque", "y"]),
     ("unknown type", [('"wheel"', '"weel"')], ["actuators.x.type", '"wheel"', '"thruster"']),
     ("no type", [('type = "rate"\n', "")], ["sensors.gyro.type", '"rate"']),
-    ("unit", [('"rad/s"', '"rpm"')], ["sensors.gyro.rate.unit", '"deg/s"']),
+    ("unit", [('"rad/s"', '"rps"')], ["sensors.gyro.rate.unit", '"deg/s"']),
     ("no unit", [(', unit = "rad/s"', "")], ["sensors.gyro.rate.unit", "never guessed"]),
     ("two columns", [('"wx", "wy", "wz"', '"wx", "wy"')], ["sensors.gyro.rate.names", "3 axes"]),
     ("two sigmas", [("sigma = 2e-5", "sigma = [1e-5, 2e-5]")], ["sensors.gyro.sigma", "3 axes"]),
