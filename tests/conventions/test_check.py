@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.app.commands.check import show_check
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, Wheel
 from bayes_inertia.campaign.slew import Slew
@@ -179,6 +180,15 @@ def test_a_unit_of_rates_beyond_the_range_is_named_of_a_body_that_tumbles_alone(
     misread = Campaign("tumble", inertia, (wheel,), sensor, None, slews)
     change = check_conventions(write_campaign(misread, tmp_path / "campaign")).changes[0]
     assert (change.key, change.mended) == ("columns.rate.unit", "deg/s")
+
+
+def test_lines_to_be_pasted_are_printed_as_they_are(capsys):
+    edit = "line 3: axes = [[1.0, 0.0, 0.0]]  ->  axes = [[ -1.0, 0.0, 0.0]]  # kg m^2, or so: wide"
+    check = replace(check_conventions(EXAMPLE), sentence=f"By -1 kg m^2.\n  {edit}", edits=(edit,))
+    show_check(check, EXAMPLE)
+    printed = capsys.readouterr().out
+    assert "By −1 kg m²." in printed
+    assert f"  {edit}\n" in printed
 
 
 def test_the_command_prints_one_document_and_ends_with_2(tmp_path, capsys):

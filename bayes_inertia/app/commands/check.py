@@ -262,7 +262,9 @@ def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[
     asked = check.misfits or check.verdict != "consistent"
     word = _WORDS[check.verdict][0] if asked else "nothing to check"
     console.print(headed(f"{check.campaign}: {word}", style=style))
-    console.print(typeset(check.sentence))
+    for line in check.sentence.splitlines():
+        exact = line.strip() in check.edits  # to be pasted
+        console.print(line if exact else typeset(line), soft_wrap=exact)
     for title, lines in (
         ("the folder was imported; look here and import again:", mapping_lines),
         ("telemetry:", dirt_sentences(check.dirt)),
