@@ -35,9 +35,8 @@ def numbers(
 
 
 def require_name(value: Any, key: str) -> None:
-    """Raise an error unless a name is a text that says something."""
-    named = isinstance(value, str) and bool(value.strip())
-    require(named, key, f"{value!r} is no name", "give a text that is not empty")
+    """Raise an error unless a name is a text."""
+    require(isinstance(value, str), key, f"{value!r} is no name", "give a text")
 
 
 def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:

@@ -17,8 +17,10 @@ _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
 _ENVIRONMENT = ("magnetic_field_N", "position_N")
 
 
-def check_declaration(effect: Effect, campaign: Campaign) -> None:
+def check_declaration(effect: Effect, campaign: Campaign, *, known: bool = False) -> None:
     """Check what an effect declares, without calling its hooks.
+
+    `known`: whether it may act as it is, with nothing to fit.
 
     Examples
     --------
@@ -29,7 +31,7 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
     _check_class(effect)
     parameters = guarded(effect, "parameters(campaign)", lambda: effect.parameters(campaign))
     some = isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)
-    some = some and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
+    some = some and (known or len(parameters) > 0 or isinstance(effect, StochasticEffect))
     require_rule(some, effect, "parameters")
     require_rule(parameters == effect.parameters(campaign), effect, "same_parameters")
     names = Counter(p.name for p in parameters), Counter(n for p in parameters for n in p.names)

@@ -112,7 +112,8 @@ class Model:
         effects = tuple(effect.in_campaign(campaign) for effect in require_effects(self.effects))
         for effect in effects:
             if not type(effect).__module__.startswith("bayes_inertia."):
-                check_declaration(effect, campaign)  # the package's own keep the contract
+                # The package's own keep the contract.
+                check_declaration(effect, campaign, known=True)
         advice = "give one, such as NoiseModel(rate=ChannelNoise('student_t'))"
         require_kind(self.noise, NoiseModel, "key noise", advice)
         commanded = campaign.has_commands or not campaign.wheels

@@ -14,7 +14,7 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.diagnosis.quoted_parameters import averaged_posterior
 from bayes_inertia.diagnosis.residuals import BinnedResiduals, Disagreement
 from bayes_inertia.diagnosis.result import AlternativeEffect, AlternativeParameters
-from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.effects import ConstantTorque
 from bayes_inertia.physics.parameters import BASE_NAMES
@@ -152,6 +152,7 @@ def test_alternatives_keep_to_the_ends_of_the_prior_and_impossible_ones_have_no_
     moments = {"principal_moment": (("chain", "draw", "axis"), draws[..., :3])}
     groups = {"posterior": xr.Dataset(variables), "derived": xr.Dataset(moments)}
     tree = xr.DataTree.from_dict(groups)
+    tree.attrs["format"] = FORMAT
     tree.attrs["bayes_inertia"] = json.dumps({"effects": ["a"]})
     rows = [
         AlternativeParameters(name, "a", 0.3, names, mean, 1e-4 * np.eye(9))
