@@ -317,8 +317,8 @@ def fit_after_diagnosis(
 
     `asked`: drive, chains and progress, as of `fit`.
     """
-    context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
-    context = replace(context, telemetry=campaign.telemetry)
+    slews, treatment = campaign.slew_digests, choice.treatment
+    context = FitContext(campaign_sha256, verdict=choice.verdict, slew_digests=slews)
     if choice.verdict in OPEN_VERDICTS:
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)

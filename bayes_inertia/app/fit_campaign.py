@@ -132,7 +132,7 @@ def fit(
     if seed is not None:
         settings = replace(settings, seed=seed)
     say, context = as_callback(progress), context or FitContext()
-    context = replace(context, telemetry=context.telemetry or model.campaign.telemetry)
+    context = replace(context, slew_digests=context.slew_digests or model.campaign.slew_digests)
     say("fitting", 0, 0)
     estimate, context = settled_estimate(model, settings.seed, as_stated, say, context)
     samples = sample(estimate, settings, folder=chains, progress=say)

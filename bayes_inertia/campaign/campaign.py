@@ -145,10 +145,11 @@ class Campaign:
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         self._check_devices()
+        former = () if self.prior is None else self.prior.learnt_from
         for slew in self.slews:
             self._check_slew(slew)
             self._check_inputs(slew)
-            twice = self.prior is not None and slew.digest in self.prior.learnt_from
+            twice = bool(former) and slew.digest in former
             what = "the former result holds this telemetry already: it would count twice"
             require(not twice, f"slews.{slew.name}", what, "give a campaign that is not in it")
 
@@ -236,7 +237,7 @@ class Campaign:
         _require_readings(np.asarray(slew.rate), sensor, key)
 
     @property
-    def telemetry(self) -> dict[str, list[str]]:
+    def slew_digests(self) -> dict[str, list[str]]:
         """Digests of its slews ("own"), and of those that its prior was learnt from ("former")."""
         former = [] if self.prior is None else list(self.prior.learnt_from)
         return {"own": [slew.digest for slew in self.slews], "former": former}

@@ -59,7 +59,7 @@ from bayes_inertia.conventions.reading import (
     stated_by,
     untold,
 )
-from bayes_inertia.conventions.search import Remedy, alike, apart, judged
+from bayes_inertia.conventions.search import Remedy, alike, judged, without_broken_laws
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -84,19 +84,21 @@ def what_mends(
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
         found = exact or _of_streams(misfits, reading, stated) or mending
-        return found or apart(misfits, reading, singles, stated), remarks
-    said = _of_wheels(mending[0].mistake.mend(reading))
+        return found or without_broken_laws(misfits, reading, singles, stated), remarks
+    said = _commands_to_tachometers(mending[0].mistake.mend(reading))
     more = [
         remedy
         for remedy in exact
         if remedy.after <= alike(mending[0].after)
-        and not np.allclose(_of_wheels(remedy.mistake.mend(reading)), said, LIMITS.one_factor, 0.0)
+        and not np.allclose(
+            _commands_to_tachometers(remedy.mistake.mend(reading)), said, LIMITS.one_factor, 0.0
+        )
     ]
     return (*mending, *more), remarks
 
 
-def _of_wheels(reading: Reading) -> np.ndarray:
-    """(k, k): from commands to tachometers, but for physics; alike where a unit is the factor."""
+def _commands_to_tachometers(reading: Reading) -> np.ndarray:
+    """What tachometers read of commands (k, k), physics apart; alike where a unit is the factor."""
     wheels = reading.axes_B.shape[1]
     return reading.matrix(MOMENTUM.field, wheels) @ np.linalg.inv(reading.matrix(TORQUE, wheels))
 
@@ -276,10 +278,10 @@ def _suspect(written: Campaign, masked: Campaign) -> bool:
     for stream in (RATE, MOMENTUM):
         pairs = zip(written.slews, masked.slews, strict=True)
         given = [(before, after) for before, after in pairs if stream.of(before) is not None]
-        sizes = np.concatenate([[0.0], *(np.abs(stream.values(x)).ravel() for x, _ in given)])
+        sizes = np.concatenate([[], *(np.abs(stream.values(x)).ravel() for x, _ in given)])
         believed = sum(int(stream.valid(masked, after).sum()) for _, after in given)
-        few = believed < LIMITS.believable_share * np.isfinite(sizes[1:]).sum()
-        if few and np.nanmax(sizes) < LIMITS.largest_number:
+        few = believed < LIMITS.believable_share * np.isfinite(sizes).sum()
+        if few and np.nanmax(sizes, initial=0.0) < LIMITS.largest_number:
             return True
     return False
 

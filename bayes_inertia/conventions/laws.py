@@ -327,7 +327,7 @@ class Misfits:
     written: Campaign | None = None  # The campaign without smoothed rates
     shifts: Mapping[str, float] = field(default_factory=dict)  # As of `sampled`
     kept: dict = field(default_factory=dict)
-    aside: frozenset[str] = frozenset()  # Laws that are not asked
+    not_asked: frozenset[str] = frozenset()  # Laws that physics breaks
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
@@ -429,7 +429,7 @@ class Misfits:
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
-        if law in self.aside:
+        if law in self.not_asked:
             return None
 
         def fit() -> LinearFit | None:

@@ -67,7 +67,7 @@ def judged(
     return _impossible(search, singles, biased), reading
 
 
-def apart(
+def without_broken_laws(
     misfits: laws.Misfits, reading: Reading, singles: Sequence[Mistake], keys: Stated
 ) -> tuple[Remedy, ...]:
     """Mistakes that explain the other laws, where physics breaks one that no mistake mends."""
@@ -78,7 +78,7 @@ def apart(
     for mistake in singles:
         if misfits.may_mend(mended := mistake.mend(reading), LIMITS.ordinary):
             broken &= _broken(misfits.of(mended))
-    others = replace(misfits, aside=broken)
+    others = replace(misfits, not_asked=broken)
     found = laws.worst(others.of(reading)) > LIMITS.impossible
     return judged(others, reading, singles, keys)[0] if broken and found else ()
 

@@ -294,9 +294,8 @@ def _with_likely_noise(begin: CleanStart, search: Search) -> tuple[Weighed, dict
     evidence = {taken: _log_evidence(weighed)}
     search.say("measuring correlated noise", 0, 0)
     coloured = with_correlated_noise(begin, begin.base, weighed.final)
-    other = weigh_campaign(coloured, search) if coloured else weighed
-    tests = {channel: other.final.final_tests[channel] for channel in other.begin.treatment.colour}
-    if coloured is not None and is_explained(tests, search.rules):
+    other = None if coloured is None else weigh_campaign(coloured, search)
+    if other is not None and _is_white(other, search.rules):
         evidence["correlated"] = _log_evidence(other)
         lead = evidence["correlated"] - evidence[taken]
         if holds_correlated_noise(weighed.final) or lead > -search.rules.log_evidence_margin:
@@ -308,6 +307,14 @@ def _with_likely_noise(begin: CleanStart, search: Search) -> tuple[Weighed, dict
         weighed = other if evidence["louder"] > evidence[taken] else weighed
     odds = softmax([*evidence.values()]).tolist()
     return weighed, dict(zip(evidence, odds, strict=True)) if len(odds) > 1 else {}
+
+
+def _is_white(weighed: Weighed, rules: Rules) -> bool:
+    """Whether correlated noise leaves only noise in the channels that are said to have it."""
+    tests = weighed.final.final_tests
+    return is_explained(
+        {channel: tests[channel] for channel in weighed.begin.treatment.colour}, rules
+    )
 
 
 def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:

@@ -165,7 +165,7 @@ def re_estimate(
     data counted weakly first, which finds the way out of a local optimum.
     """
     model, discount, free = previous.model, previous.discount, np.asarray(free)
-    point = _with_telemetry(previous, np.asarray(theta, float))
+    point = _with_finite_telemetry(previous, np.asarray(theta, float))
     if weak_data_first:
         white = discounted(whitening(model, point.theta), LIMITS.gentle_weight * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
@@ -175,7 +175,7 @@ def re_estimate(
     return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
 
-def _with_telemetry(previous: Estimate, theta: np.ndarray) -> Point:
+def _with_finite_telemetry(previous: Estimate, theta: np.ndarray) -> Point:
     """The point of theta (d,), or the nearest towards an earlier estimate that predicts numbers."""
     point, model, back = previous.point, previous.model, theta - previous.theta
     for halvings in range(LIMITS.halvings):

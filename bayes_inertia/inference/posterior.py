@@ -282,7 +282,7 @@ class Posterior:
         correlation = prior / np.outer(prior_sd, prior_sd) if correlated else None
         name = str(self.attributes.get("campaign"))
         told = summary_of(name, *quoted, prior_mean, prior_sd, correlation)
-        own = self.attributes.get("telemetry", {}).get("own", ())
+        own = self.attributes.get("slew_digests", {}).get("own", ())
         return replace(told, is_scale_untied=self.is_scale_untied, learnt_from=tuple(own))
 
     @property
@@ -303,10 +303,8 @@ class Posterior:
         The data's information is divided by the square of the factor, the prior's is not: slews
         say nothing of how wrong that is.
         """
-        factor, covariance = (
-            self.quoted_factor or 1.0,
-            np.array(self.tree["estimate"]["covariance"]),
-        )
+        factor = self.quoted_factor or 1.0
+        covariance = np.array(self.tree["estimate"]["covariance"])
         if factor == 1.0:
             return np.eye(len(covariance))
         # In units in which the prior is white.
@@ -355,10 +353,10 @@ class Posterior:
         at, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
         sums = after_changes_of_J(self.names)
         beyond = self._beyond(lambda theta: theta @ sums.T)
-        telemetry = self.attributes.get("telemetry", {})
+        slews = self.attributes.get("slew_digests", {})
         known: dict[str, Any] = {
             "includes_wheel_spin": self.attributes.get("includes_wheel_spin"),
-            "learnt_from": [*telemetry.get("own", ()), *telemetry.get("former", ())],
+            "learnt_from": [*slews.get("own", ()), *slews.get("former", ())],
         }
         if not self.trusted:
             return GaussianPrior(names, *quoted, beyond_sd=beyond, **known)
@@ -485,7 +483,9 @@ class Posterior:
 
     def _rows(self, of: Callable[[np.ndarray], dict[str, np.ndarray]]) -> dict[str, Any]:
         """What summary.json says of numbers, by what they are of draws (n, d)."""
-        sampled, wider = of(self.samples), of(self._scattered(self.samples))
+        sampled = of(self.samples)
+        is_wider = self.quoted_factor not in (None, 1.0)
+        wider = of(self._scattered(self.samples)) if is_wider else sampled
         beyond = self._beyond(lambda draws: np.stack([*of(draws).values()], -1)).tolist()
         rows = {}
         for (name, draws), added in zip(of(self.averaged_samples).items(), beyond, strict=True):

@@ -153,8 +153,8 @@ class FitContext:
         taken in this fit.
     verdict : str, optional
         Of the diagnosis: "consistent", "named", "ambiguous", "formula", "partial" or "unknown".
-    telemetry : mapping, optional
-        `Campaign.telemetry` before any treatment; None of the campaign that is fitted.
+    slew_digests : mapping, optional
+        `Campaign.slew_digests` before any treatment; None of the campaign that is fitted.
 
     Examples
     --------
@@ -165,7 +165,7 @@ class FitContext:
     campaign_sha256: str | None = None
     measured_noise: Mapping[str, float] | None = None
     verdict: str | None = None
-    telemetry: Mapping[str, Sequence[str]] | None = None
+    slew_digests: Mapping[str, Sequence[str]] | None = None
 
     def attributes(self) -> dict[str, Any]:
         """As attributes of the result.
@@ -173,13 +173,13 @@ class FitContext:
         Returns
         -------
         dict
-            `campaign_sha256`; `telemetry`; `verdict` and `noise` after a diagnosis.
+            `campaign_sha256`; `slew_digests`; `verdict` and `noise` after a diagnosis.
         """
         attributes: dict[str, Any] = {"campaign_sha256": self.campaign_sha256}
         if self.verdict is not None:
             attributes["verdict"] = self.verdict
         if self.measured_noise is not None:
             attributes["noise"] = dict(self.measured_noise)
-        if self.telemetry is not None:
-            attributes["telemetry"] = dict(self.telemetry)
+        if self.slew_digests is not None:
+            attributes["slew_digests"] = dict(self.slew_digests)
         return attributes

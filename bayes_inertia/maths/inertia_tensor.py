@@ -185,7 +185,7 @@ def draw_physical(
     *,
     wheel_spin: np.ndarray | None = None,
     ends: tuple[AnyArray, AnyArray] = (-np.inf, np.inf),
-    rounds: int = 1000,
+    rounds: int = 10_000,
     where: str = "key inertia",
     advice: str = "reduce relative_sigma or product_sigma",
 ) -> np.ndarray:
@@ -198,7 +198,8 @@ def draw_physical(
     six columns are the elements of J in the order of `ELEMENTS` [kg m^2].
     `wheel_spin` (6,): elements of the wheels' spin tensor [kg m^2], where the draws hold J_locked:
     taken off before J is judged. None where they hold J. `ends`: lower and upper ones of a prior's
-    support (d,). `rounds`: after so many rounds hardly any draw can be physical. Returns (n, d).
+    support (d,). `rounds`: after so many, or as many draws without a physical one, hardly any can
+    be physical. Returns (n, d).
 
     Examples
     --------
@@ -211,11 +212,13 @@ def draw_physical(
     if not n:  # of a case too improbable for a draw
         return rows
     taken_off = 0.0 if wheel_spin is None else wheel_spin
-    for _ in range(rounds):
+    for k in range(rounds):
         outside = (rows < ends[0]) | (rows > ends[1])
         bad = ~is_physical(rows[:, :6] - taken_off) | outside.any(axis=1)
         if not bad.any():
             return rows
+        if bad.all() and (k + 1) * n >= rounds:
+            break
         rows[bad] = draw(int(bad.sum()))
     raise CampaignError(
         "hardly any draw of the inertia tensor is physical", where=where, advice=advice

@@ -89,8 +89,9 @@ class Effect:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         for hook in (*BODY_HOOKS, *LOOKING_BACK):
-            if hasattr(given := vars(cls).get(hook), "__get__"):
-                setattr(cls, hook, _saying_whose(hook, given))
+            given = vars(cls).get(hook)
+            if hasattr(given, "__get__"):
+                setattr(cls, hook, _guarded_hook(hook, given))
 
     def __post_init__(self) -> None:
         if self.kind and self.device:
@@ -655,7 +656,7 @@ def _place(effect: Any) -> str:
     return str(effect if named else getattr(effect, "name", type(effect).__name__))
 
 
-def _saying_whose(hook: str, given: Any) -> Callable[..., Any]:
+def _guarded_hook(hook: str, given: Any) -> Callable[..., Any]:
     """A hook; whatever goes wrong in it becomes an `EffectError` that names effect and hook."""
 
     @wraps(given)

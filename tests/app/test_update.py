@@ -51,7 +51,10 @@ def test_a_run_keeps_the_prior_it_began_with(folders, tmp_path):
 def test_telemetry_that_a_former_result_holds_is_refused(folders, tmp_path, capsys):
     first, second = (bi.read_campaign(folders[name]) for name in "ab")
     prior = bi.GaussianPrior(("Jxx",), [3.3], [[1e-6]])
-    for known in (first.telemetry["own"], first.telemetry["own"][-1:] + second.telemetry["own"]):
+    for known in (
+        first.slew_digests["own"],
+        first.slew_digests["own"][-1:] + second.slew_digests["own"],
+    ):
         content = {"as_prior": replace(prior, learnt_from=known).json()}
         write_json(tmp_path / "summary.json", sealed(content))
         assert run("update", tmp_path, folders["a"], "-o", tmp_path / "out") == 2
@@ -60,10 +63,10 @@ def test_telemetry_that_a_former_result_holds_is_refused(folders, tmp_path, caps
             replace(first, prior=bi.prior_in(tmp_path).inflated(1e-3))
     assert not (tmp_path / "out").exists()
     # Other telemetry takes it.
-    content = {"as_prior": replace(prior, learnt_from=first.telemetry["own"]).json()}
+    content = {"as_prior": replace(prior, learnt_from=first.slew_digests["own"]).json()}
     write_json(tmp_path / "summary.json", sealed(content))
     with_it = replace(second, prior=bi.prior_in(tmp_path))
-    assert with_it.telemetry["former"] == first.telemetry["own"]
+    assert with_it.slew_digests["former"] == first.slew_digests["own"]
 
 
 def test_nothing_is_inflated_without_a_former_result(folders, tmp_path, capsys):

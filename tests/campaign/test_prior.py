@@ -260,7 +260,7 @@ def test_a_prior_that_no_body_can_meet_is_refused_by_its_own_name():
     # A logarithm that was forgotten.
     prior = bi.GaussianPrior(("Jxx",), [3.0], [[0.01]], logarithmic=("Jxx",))
     with pytest.raises(bi.CampaignError, match=r"key prior: hardly any draw .*logarithmic"):
-        bi.Model(replace(small_campaign(), prior=prior)).draw_prior(1, 5)
+        bi.Model(replace(small_campaign(), prior=prior)).draw_prior(1, 500)
 
 
 def test_sds_of_scale_factors_without_their_medians_are_refused():
