@@ -15,6 +15,7 @@ from numpy.polynomial.legendre import legvander
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
+from bayes_inertia.campaign.sensors import reading_step
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
@@ -178,8 +179,7 @@ def _is_gross(misfits: Misfits, late: Lateness) -> bool:
     # A wheel that lags its command makes the command look early.
     lag = channel_of(misfits, late.law) == TORQUE and late.seconds > 0.0
     limit = gross_lateness(misfits.campaign, lag)
-    steps = [float(np.median(np.diff(slew.time))) for slew in misfits.campaign.slews]
-    return abs(late.seconds) > max(limit, LIMITS.late_steps * float(np.median(steps)))
+    return abs(late.seconds) > max(limit, LIMITS.late_steps * reading_step(misfits.campaign))
 
 
 def _proposals(

@@ -233,7 +233,7 @@ def _factors(model: Model) -> tuple[Array, ...]:
         factors = channel.factors(noise, read)[0]
         if (correlated := channel.stream.correlated(model.campaign)) is not None:
             # To slow signals it is white noise of its power at frequency zero.
-            steps = np.concatenate([np.diff(slew.time) for slew in model.campaign.slews])
+            steps = channel.stream.spacings(model.campaign.slews)
             kept = np.exp(-np.median(steps) / np.array(correlated.time))
             power = 1.0 + 2.0 * np.array(correlated.share) * kept / (1.0 - kept)
             factors = factors / np.sqrt(power)[:, None]

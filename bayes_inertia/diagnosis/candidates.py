@@ -22,6 +22,7 @@ from scipy import optimize, stats
 from scipy.special import logsumexp
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors import reading_step
 from bayes_inertia.diagnosis.hypothesis_table import few_sizes
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
@@ -179,9 +180,7 @@ def frequencies(response: TorqueResponse) -> np.ndarray:
     [Hz].
     """
     duration = float(np.median(response.time[:, -1] - response.time[:, 0]))
-    slews = response.estimate.model.campaign.slews
-    sampling = float(np.median([np.median(np.diff(slew.time)) for slew in slews]))
-    low, high = 2.0 / duration, 0.25 / sampling
+    low, high = 2.0 / duration, 0.25 / reading_step(response.estimate.model.campaign)
     wanted = np.ceil((high - low) * 2.0 * duration)
     return np.linspace(low, high, int(np.clip(wanted, 2, LIMITS.frequencies)))
 

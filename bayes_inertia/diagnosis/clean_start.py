@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.sensors import stream_named, streams_of
+from bayes_inertia.campaign.sensors import reading_step, stream_named, streams_of
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.residuals import is_explained
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
@@ -179,8 +179,8 @@ def log_evidence_of_noise(estimate: Estimate, levels: int = 0) -> float:
 
 def holds_correlated_noise(fit: Estimate) -> bool:
     """Whether a fit holds a process of the rates that lasts for few readings: correlated noise."""
-    steps = [np.median(np.diff(slew.time)) for slew in fit.model.campaign.slews]
-    shortest, space = LIMITS.readings_of_noise * float(np.median(steps)), fit.model.space
+    step, space = reading_step(fit.model.campaign), fit.model.space
+    shortest = LIMITS.readings_of_noise * step
     random = (e for e in fit.effects_fitted if isinstance(e, StochasticEffect))
     # The sd comes first, the time next.
     times = (fit.theta[space.slice_of(e.name)][1:2] for e in random if e.acts("rate_output"))

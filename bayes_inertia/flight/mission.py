@@ -24,7 +24,6 @@ from bayes_inertia.campaign.hardware import (
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
@@ -132,20 +131,13 @@ def _device_in_place_of_wheels(campaign: Campaign) -> FlyingDevice | None:
 def reading_periods(campaign: Campaign) -> dict[str, float]:
     """Time from one reading to the next [s] of each sensor whose readings are a series."""
     named = ((campaign.names[0] if s == RATE else s.name, s) for s in series_of(campaign))
-    steps = {name: _steps(campaign, stream) for name, stream in named}
+    steps = {name: stream.spacings(campaign.slews) for name, stream in named}
     return {name: _usual(x) for name, x in steps.items() if len(x)}
 
 
 def _usual(steps: np.ndarray) -> float:
     """Their median without the rounding of times read from a file: alike campaigns share code."""
     return float(f"{np.median(steps):.9g}")
-
-
-def _steps(campaign: Campaign, stream: SensorStream) -> np.ndarray:
-    """Times between the readings of one stream [s], all slews together."""
-    of_slews = ((slew.time, stream.of(slew)) for slew in campaign.slews)
-    rated = [time[np.isfinite(x).any(axis=1)] for time, x in of_slews if x is not None]
-    return np.concatenate([np.zeros(0), *(np.diff(time) for time in rated)])
 
 
 def _seen_last(campaign: Campaign) -> dict[str, tuple[float, ...]]:

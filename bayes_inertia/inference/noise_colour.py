@@ -123,14 +123,15 @@ def colour_of(
         for key in ("rests", "slew") if alike else ():
             more = _gain_apart(stretches, key, axes[-1])
             gain, parameters = gain + more[0], parameters + more[1]
-    spacings = [float(np.median(np.diff(slew.time))) for slew in slews]
-    uneven = max(spacings) > 1.5 * min(spacings)
+    spacings = _spacings(slews, residuals)
+    medians = [float(np.median(x)) for x in spacings if len(x)]
+    uneven = max(medians) > 1.5 * min(medians)
     if uneven or (alike and max(a.lead for a in axes) < LIMITS.clear_lead):
         return None
     if parameters and stats.chi2.sf(2.0 * gain, parameters) < LIMITS.reject_below:
         return None
     clear = tuple(a if a.lead > LIMITS.least_lead else a._replace(share=0.0) for a in axes)
-    return Colour(clear, _spacing_of_readings(slews, residuals))
+    return Colour(clear, float(np.median(np.concatenate(spacings))))
 
 
 def _whole(residuals: Sequence[np.ndarray], axis: int) -> list[np.ndarray]:
@@ -139,13 +140,12 @@ def _whole(residuals: Sequence[np.ndarray], axis: int) -> list[np.ndarray]:
     return [x for x in series if len(x) >= LIMITS.fewest_readings]
 
 
-def _spacing_of_readings(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> float:
-    """Median time [s] from one reading to the next."""
-    steps = [
+def _spacings(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Times (m,) from one reading to the next in each slew [s]."""
+    return [
         np.diff(slew.time[np.isfinite(values[: len(slew.time)]).any(axis=1)])
         for slew, values in zip(slews, residuals, strict=True)
     ]
-    return float(np.median(np.concatenate(steps)))
 
 
 def stretches_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list[Stretch]:

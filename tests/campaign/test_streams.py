@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.campaign_files import (
@@ -16,8 +18,11 @@ from support.campaign_files import (
 )
 
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
+from bayes_inertia.campaign.sensors import reading_step
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.physics.effects import FlexibleMode
+from bayes_inertia.physics.small_campaign import small_campaign
 
 FILES = """files = { rate = "rate.csv", attitude = "tracker.csv", wheel_torque = "wheels.csv", \
 wheel_momentum = "wheels.csv", magnetic_field = "field.csv" }"""
@@ -47,6 +52,35 @@ def test_each_reading_keeps_its_own_time(tmp_path):
     assert np.isnan(slew.wheel_momentum[[1, 2, 4]]).all()
     assert slew.wheel_torque[:, 0].tolist() == [1e-3, 1e-3, 1e-3, 2e-3, 2e-3]
     assert np.isfinite(slew.magnetic_field_N).all(axis=1).tolist() == [True] + [False] * 3 + [True]
+
+
+def test_the_step_of_readings_is_that_of_the_sensor_whatever_other_clocks_there_are(tmp_path):
+    slew = read_campaign(make_streams(tmp_path)).slews[0]
+    campaign = replace(read_campaign(tmp_path), slews=(slew,))
+    assert reading_step(campaign) == pytest.approx(0.1)
+    gyroless = replace(campaign, slews=(replace(slew, rate=None),), rate_sensor=None)
+    assert reading_step(gyroless) == pytest.approx(0.25)
+    # A flexible mode is looked for up to what the readings resolve.
+    slews = tuple(shifted_commands(slew) for slew in small_campaign().slews)
+    merged, one_clock = replace(small_campaign(), slews=slews), small_campaign()
+    assert len(merged.slews[0].time) > 1.9 * len(one_clock.slews[0].time)
+    median = FlexibleMode().parameters(merged)[1].null
+    assert median == pytest.approx(FlexibleMode().parameters(one_clock)[1].null)
+    assert FlexibleMode().max_step(merged) == pytest.approx(FlexibleMode().max_step(one_clock))
+
+
+def shifted_commands(slew):
+    """The slew with a row of its own for each torque command, a hundredth of a step later."""
+    late = slew.time[:-1] + 0.01 * np.diff(slew.time)
+    time = np.concatenate([slew.time, late])
+    order = np.argsort(time)
+    columns = {}
+    for field in ("rate", "attitude", "wheel_momentum", "magnetic_field_N", "position_N"):
+        if (values := getattr(slew, field)) is not None:
+            empty = np.full((len(late), values.shape[1]), np.nan)
+            columns[field] = np.concatenate([values, empty])[order]
+    torque = np.concatenate([slew.wheel_torque, slew.wheel_torque[:-1]])[order]
+    return replace(slew, time=time[order], wheel_torque=torque, **columns)
 
 
 def test_offsets_move_one_stream(tmp_path):

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, require
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
 from bayes_inertia.campaign.sensors.direction import DirectionStream
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM, MomentumStream
 from bayes_inertia.campaign.sensors.rate import RATE, RateStream
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 
@@ -39,6 +41,21 @@ def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
 def series_of(campaign: Campaign) -> tuple[SensorStream, ...]:
     """Those in which every row may hold a reading."""
     return tuple(stream for stream in streams_of(campaign) if stream.is_series)
+
+
+def reading_step(campaign: Campaign) -> float:
+    """Time from one reading to the next [s] of the sensor that shows the motion best.
+
+    Of the fastest rate sensor, or of the fastest of the others where none reads rates. Rows of a
+    slew tell it only where all its columns have one clock.
+    """
+    motion = [stream for stream in streams_of(campaign) if not isinstance(stream, MomentumStream)]
+    gyros = [stream for stream in motion if isinstance(stream, RateStream)]
+    for streams in (gyros, motion):
+        steps = (stream.spacings(campaign.slews) for stream in streams)
+        if medians := [float(np.median(x)) for x in steps if len(x)]:
+            return min(medians)
+    return float(np.median(np.concatenate([np.diff(slew.time) for slew in campaign.slews])))
 
 
 def stream_of_device(device: str, campaign: Campaign) -> SensorStream:

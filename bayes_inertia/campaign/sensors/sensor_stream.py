@@ -60,6 +60,12 @@ class SensorStream(ABC):
             changed = {"more": {**(slew.more or {}), self.name: values}}
         return replace(slew, **changed)
 
+    def spacings(self, slews: Sequence[Slew]) -> np.ndarray:
+        """Times (m,) from one reading to the next [s], of all slews together."""
+        read = ((slew.time, self.of(slew)) for slew in slews)
+        times = (time[np.isfinite(x).any(axis=1)] for time, x in read if x is not None)
+        return np.concatenate([np.zeros(0), *map(np.diff, times)])
+
     def values(self, slew: Slew) -> np.ndarray:
         """Readings (n, columns) of a slew that has them."""
         values = self.of(slew)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.campaign.sensors import reading_step
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import LogNormal, Normal, scalar, vector
 
@@ -73,8 +74,7 @@ class FlexibleMode(Effect):
     def _median_frequency(self, campaign) -> float:
         if self.frequency is not None:
             return self.frequency
-        sampling = float(np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])))
-        return min(30.0 / campaign.scale_of_motion()[1], 0.125 / sampling)
+        return min(30.0 / campaign.scale_of_motion()[1], 0.125 / reading_step(campaign))
 
     def max_step(self, campaign):
         steps = self.steps_a_period * self._median_frequency(campaign)
