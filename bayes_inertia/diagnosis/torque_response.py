@@ -10,8 +10,8 @@ effects without a fixed shape: no model is compiled for them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,17 @@ from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import without_slow_error
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+class _Tangents(NamedTuple):
+    """One channel's readings, their rows of the grid (slews, rows), and how they follow the start.
+
+    `by_start` (slews, rows, components, 6): in sigmas per change of the start state.
+    """
+
+    fit: SensorAtFit
+    rows: np.ndarray
+    by_start: np.ndarray
 
 
 @array_dataclass
@@ -72,7 +83,7 @@ class TorqueResponse:
         wheels [N m], or of errors of the sensors with such a hook. Returns (slews, numbers, k).
         """
         signals, model, parts = dict(signals), self.estimate.model, []
-        count = next(iter(signals.values())).shape[-1]
+        count, slews = next(iter(signals.values())).shape[-1], np.arange(len(self.time))[:, None]
         if "delivered_torque" in signals:
             delivered = signals.pop("delivered_torque")
             taken, axes_B = _integral(delivered[:, :-1], self.time), model.campaign.wheel_axes_B
@@ -81,36 +92,49 @@ class TorqueResponse:
             gyroscopic = np.cross(self.rate_B[..., None], _along(axes_B, taken), axis=2)
             signals["body_torque"] = -_along(axes_B, delivered) - gyroscopic
         torque_B = signals.pop("body_torque", None)
-        moved = None if torque_B is None else self._motion(torque_B)
-        telemetry, slews = model.data.arrays.telemetry, np.arange(len(self.time))[:, None]
-        for channel, readings, white in zip(
-            model.channels, telemetry.readings, self.estimate.white, strict=True
-        ):
-            rows = slews, np.asarray(telemetry.sample)[slews, np.asarray(readings.row)]
-            factors = np.asarray(white.factors)
-            fit = SensorAtFit(model.campaign, self.estimate.theta, readings, factors)
-            columns = np.zeros((*np.shape(readings.valid), count))
-            if moved is not None:
-                turn, rate_B = moved[:, :, :3], moved[:, :, 3:]
-                columns = columns - channel.whitened_motion(fit, turn[rows], rate_B[rows])
+        starts = [] if torque_B is None else self._starts(torque_B)
+        channels = zip(model.channels, self.estimate.white, self._tangents, strict=True)
+        for channel, white, (fit, rows, by_start) in channels:
+            columns = np.zeros((*np.shape(fit.readings.valid), count))
+            for k, start in enumerate(starts):
+                columns[k] = -by_start[k] @ start[rows[k]]
             if channel.hook in signals and channel.stream.field:
-                error: Any = np.moveaxis(signals[channel.hook][rows], -1, -2)
+                error: Any = np.moveaxis(signals[channel.hook][slews, rows], -1, -2)
                 own: Any = fit.theta[slice(*channel.parameters)]
                 read = np.moveaxis(np.asarray(channel.read(own, error)), -1, -2)
-                columns = columns - channel.whitened_columns(factors, read)
+                columns = columns - channel.whitened_columns(fit.factors, read)
             if white.memory is not None:
                 columns = np.asarray(innovations(columns, white.memory))
             columns = columns[:, :, : None if channel.compared else 0]
             parts.append(columns.reshape(len(columns), -1, count))
         return np.concatenate(parts, 1)
 
-    def _motion(self, torque_B: np.ndarray) -> np.ndarray:
-        """Changes (slews, n, 6, k) of attitude and rate by torques on the body."""
-        kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
-        kick[:, :, 3:] = np.einsum("sij,snjk->snik", self.inverse_inertia, torque_B)
-        rate_of_change = np.linalg.solve(self.transition, kick)
-        middle = 0.5 * (rate_of_change[:, 1:] + rate_of_change[:, :-1])
-        return self.transition @ _integral(middle, self.time)
+    @cached_property
+    def _tangents(self) -> list[_Tangents]:
+        """How each channel's predictions follow the start state."""
+        estimate, found = self.estimate, []
+        model, slews = estimate.model, np.arange(len(self.time))[:, None]
+        telemetry = model.data.arrays.telemetry
+        channels = zip(model.channels, telemetry.readings, estimate.white, strict=True)
+        for channel, readings, white in channels:
+            rows = np.asarray(telemetry.sample)[slews, np.asarray(readings.row)]
+            fit = SensorAtFit(model.campaign, estimate.theta, readings, np.asarray(white.factors))
+            moved = self.transition[slews, rows]
+            by_start = channel.whitened_motion(fit, moved[:, :, :3], moved[:, :, 3:])
+            found.append(_Tangents(fit, rows, by_start))
+        return found
+
+    @cached_property
+    def _to_start(self) -> np.ndarray:
+        """Change of the start state per angular impulse on the body, (slews, n, 6, 3)."""
+        back = np.linalg.inv(self.transition)[..., 3:]
+        return back @ self.inverse_inertia[:, None]
+
+    def _starts(self, torque_B: np.ndarray) -> list[np.ndarray]:
+        """Changes (n, 6, k) of each slew's start state that torques so far amount to."""
+        changes = map(np.matmul, self._to_start, torque_B)
+        middles = (0.5 * (change[1:] + change[:-1]) for change in changes)
+        return [_integral(x, time) for x, time in zip(middles, self.time, strict=True)]
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:
@@ -235,9 +259,11 @@ def _along(axes_B: np.ndarray, of_wheels: np.ndarray) -> np.ndarray:
 
 
 def _integral(pieces: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Integrals (slews, n, ...) of what has one value (slews, n - 1, ...) between instants."""
-    sums = np.cumsum(pieces * np.diff(time, axis=1)[..., None, None], axis=1)
-    return np.concatenate([np.zeros_like(sums[:, :1]), sums], axis=1)
+    """Integrals (..., n, i, k) of what has one value (..., n - 1, i, k) between instants."""
+    sums = np.zeros((*time.shape, *pieces.shape[-2:]))
+    steps = np.diff(time)[..., None, None]
+    np.cumsum(pieces * steps, axis=-3, out=sums[..., 1:, :, :])
+    return sums
 
 
 @partial(KeptProgram, static=4)
