@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 import pandas as pd
 import pytest
+from astropy.time import Time
 
 import bayes_inertia as bi
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -119,17 +120,24 @@ def test_a_design_begins_where_the_campaign_ended(campaign):
 STAMPS = pd.date_range("2026-03-01T12:00:00", periods=4, freq="250ms")
 
 
+OF_ASTROPY = Time(STAMPS.to_numpy(), scale="utc")
+
+
 @pytest.mark.parametrize(
     "time",
     [
         STAMPS,
+        OF_ASTROPY,
+        OF_ASTROPY.tai,
+        list(OF_ASTROPY),
+        OF_ASTROPY - OF_ASTROPY[0],
         STAMPS.tz_localize("Europe/Berlin"),
         pd.Series(STAMPS),
         STAMPS.to_numpy(),
         [stamp.to_pydatetime() for stamp in STAMPS],
         STAMPS - STAMPS[0],
     ],
-    ids=["index", "with a zone", "series", "datetime64", "datetime", "timedelta"],
+    ids=["index", "Time", "TAI", "list of Time", "TimeDelta", "with a zone", "series", "datetime64", "datetime", "timedelta"],
 )
 def test_datetimes_are_seconds_from_the_first_row(time):
     slew = bi.Slew("a", 0.0, time, rate=np.zeros((4, 3)))
@@ -138,9 +146,27 @@ def test_datetimes_are_seconds_from_the_first_row(time):
 
 def test_a_start_may_be_a_datetime():
     moment = datetime(1970, 1, 2, tzinfo=UTC)
-    for start in (moment, pd.Timestamp(moment), np.datetime64("1970-01-02")):
+    of_astropy = Time(moment, scale="utc").tt  # of another scale
+    for start in (moment, pd.Timestamp(moment), np.datetime64("1970-01-02"), of_astropy):
         assert bi.Slew("a", start, np.arange(2.0), rate=np.zeros((2, 3))).start == 86400.0
         assert bi.Change("fuel", start).time == 86400.0
+
+
+def test_a_time_without_a_zone_is_refused():
+    with pytest.raises(bi.CampaignError, match="its scale is local, which has no zone; give"):
+        bi.Slew("a", Time("2026-01-01", scale="local"), np.arange(2.0), rate=np.zeros((2, 3)))
+
+
+def test_missing_cells_of_a_data_frame_are_readings_that_are_not_there():
+    """Of pandas' own kinds of columns, which hold `NA`."""
+    rates = pd.DataFrame({"x": [0.1, None, 0.3], "y": [1, 2, None], "z": [0.0, 0.0, 0.0]})
+    rates = rates.astype({"x": "Float64", "y": "Int64"})
+    slew = bi.Slew("a", 0.0, pd.Series([0, 1, 2], dtype="Int64"), rate=rates)
+    np.testing.assert_array_equal(slew.rate, [[0.1, 1, 0], [np.nan, 2, 0], [0.3, np.nan, 0]])
+    with pytest.raises(bi.CampaignError, match="a time or a value is not a finite number"):
+        bi.InputStream(np.arange(3.0), rates["x"])
+    with pytest.raises(bi.CampaignError, match="a time is not a number"):
+        bi.Slew("a", 0.0, pd.Series([0, None, 2], dtype="Int64"), rate=rates)
 
 
 def test_a_missing_time_is_refused():

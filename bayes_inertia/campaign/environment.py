@@ -7,6 +7,7 @@ Field the field. Inertial axes are those of SGP4 (true equator, mean equinox of 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -17,9 +18,10 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.errors import CampaignError, library_of_extra, require
+from bayes_inertia.campaign.slew import Slew, on_campaign_clock
+from bayes_inertia.errors import library_of_extra, require
 from bayes_inertia.files import path_of, read_bytes, text_of
+from bayes_inertia.maths.values import moments
 
 _DAY = 86_400.0  # [s]
 _UNIX_DAY = 2_440_587.5  # Julian date of 1970-01-01
@@ -37,7 +39,7 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
     tle : str or Path
         A file of two-line elements, one set or many; each slew takes the set nearest in time.
     epoch : datetime or str
-        UTC at time zero of that clock, such as `"2023-09-04T14:48:23"`.
+        UTC at time zero of that clock, such as `"2023-09-04T14:48:23"`; also of numpy or astropy.
 
     Returns
     -------
@@ -79,13 +81,12 @@ def slews_with_orbit(
 
 def _unix_time(epoch: datetime | str, where: str) -> float:
     """UTC [s] since 1970."""
-    try:
-        moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    except (AttributeError, ValueError):
-        what = f"{epoch!r} is no date"
-        advice = "give UTC as year-month-dayThour:minute:second"
-        raise CampaignError(what, where=where, advice=advice) from None
+    advice = "give UTC as year-month-dayThour:minute:second"
+    with suppress(ValueError):
+        epoch = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
+    is_date = moments(epoch, where, advice).dtype.kind == "M"
+    require(is_date, where, f"{epoch!r} is no date", advice)
+    return on_campaign_clock(epoch, where)
 
 
 def _satellites(text: str, label: str) -> Sequence[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +20,7 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import kind_of, require_kind
 from bayes_inertia.maths.printed import Card, shown_as
-from bayes_inertia.maths.values import Vector, array_dataclass, plain_array
+from bayes_inertia.maths.values import Vector, array_dataclass, moments, plain_array
 from bayes_inertia.sealing import sha256_of
 
 _EPOCH = np.datetime64(0, "s")
@@ -65,6 +64,7 @@ class Slew:
         The slew, as printed.
     start : float or datetime
         Time of the slew's first row on the campaign's clock [s]; of a datetime, since 1970 (UTC).
+        Dates may be of Python, numpy, pandas or astropy.
     time : (n,) array
         Time from the slew's own zero [s], strictly increasing; of datetimes, from the first row.
     rate : (n, axes) array, optional
@@ -270,37 +270,22 @@ def on_campaign_clock(moment: Any, key: str) -> float:
     >>> on_campaign_clock(np.datetime64("1970-01-02"), "start")
     86400.0
     """
-    moments = np.atleast_1d(plain_array(moment, f"key {key}"))
-    what, advice = f"these are {moments.size} moments", "give one, of the first row"
-    require(moments.size == 1, key, what, advice)
-    (second,) = _seconds(moments.ravel(), key, since=_EPOCH)
+    given = np.atleast_1d(plain_array(moment, f"key {key}"))
+    what, advice = f"these are {given.size} moments", "give one, of the first row"
+    require(given.size == 1, key, what, advice)
+    (second,) = _seconds(given.ravel(), key, since=_EPOCH)
     require(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
     return float(second)
 
 
 def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndarray:
     """Times (n,) in seconds; datetimes count from `since`, or from the first of them."""
-    array = plain_array(time, f"key {key}")
-    if array.dtype.kind == "O":
-        # Of pandas, with a time zone, or Python's own.
-        stamps = [_utc(moment) for moment in array.ravel()]
-        if any(stamp is not None for stamp in stamps):
-            array = np.array(stamps, "datetime64[ns]")
+    array = moments(time, f"key {key}")
     if array.dtype.kind == "M" and array.size:
-        array = array.astype("datetime64[ns]") - (array[0] if since is None else since)
+        array = array - (array[0] if since is None else since)
     if array.dtype.kind == "m":
         return array / np.timedelta64(1, "s")
     return numbers(array, key, "give seconds or datetimes")
-
-
-def _utc(moment: Any) -> np.datetime64 | None:
-    """A datetime as numpy's, in UTC; None for what is no datetime."""
-    if not isinstance(moment, datetime):
-        return None
-    if moment != moment:  # The NaT of pandas.
-        return np.datetime64("NaT", "ns")
-    aware = moment if moment.tzinfo is None else moment.astimezone(UTC).replace(tzinfo=None)
-    return np.datetime64(aware)
 
 
 def _require_increasing(time: np.ndarray, key: str) -> None:

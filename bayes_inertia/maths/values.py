@@ -13,7 +13,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any, dataclass_transform
 
 import numpy as np
@@ -223,9 +223,12 @@ def plain_array(
 ) -> np.ndarray:
     """An array of whatever holds numbers or dates: NaN where it is masked, never with a unit.
 
+    Dates of astropy are UTC; `NA` of pandas is NaN.
+
     >>> plain_array(np.ma.masked_equal([1, 9], 9), "rate").tolist()
     [1.0, nan]
     """
+    value = _of_astropy(value, where, error)
     first = value
     while isinstance(first, list | tuple) and first:
         first = first[0]
@@ -237,13 +240,64 @@ def plain_array(
     require(not has_unit, where, "it carries a unit", plain, error=error)
     try:
         if not isinstance(first, np.ma.MaskedArray):
-            return np.asarray(value)
+            return _without_missing(np.asarray(value))
         masked: Any = np.ma.asarray(value)
         if masked.dtype.kind in "mM":
             return masked.filled(np.array("NaT", masked.dtype))
         return masked.astype(np.result_type(masked, float)).filled(np.nan)
     except (TypeError, ValueError) as reason:
         raise error(f"no array of numbers ({reason})", where=where, advice=advice) from None
+
+
+def _of_astropy(value: Any, where: str, error: type[BayesInertiaError]) -> Any:
+    """Dates of astropy, also one by one, as numpy's in UTC, and their differences as seconds."""
+    # Whoever holds one has imported astropy, which the package does not need.
+    library = sys.modules.get("astropy.time")
+    if library is None:
+        return value
+    if isinstance(value, list | tuple):
+        return [_of_astropy(member, where, error) for member in value]
+    if isinstance(value, library.TimeDelta):
+        return value.to_value("sec")
+    if not isinstance(value, library.Time):
+        return value
+    what, advice = "its scale is local, which has no zone", "give its UTC: Time(..., scale='utc')"
+    require(value.scale != "local", where, what, advice, error=error)
+    return value.utc.datetime64
+
+
+def _without_missing(array: np.ndarray) -> np.ndarray:
+    """The array with NaN for the `NA` of pandas."""
+    pandas = sys.modules.get("pandas")
+    if array.dtype.kind != "O" or pandas is None:
+        return array
+    missing = np.array([x is pandas.NA for x in array.ravel()], bool).reshape(array.shape)
+    return np.where(missing, np.nan, array)
+
+
+def moments(value: Any, where: str, advice: str = "") -> np.ndarray:
+    """As `plain_array`; dates of any kind are numpy's, in UTC.
+
+    >>> moments([datetime(2026, 1, 1, 12, tzinfo=UTC), None], "time").astype("M8[h]").tolist()
+    [datetime.datetime(2026, 1, 1, 12, 0), None]
+    """
+    array = plain_array(value, where, advice)
+    if array.dtype.kind == "O":
+        # Of pandas, with a time zone, or Python's own.
+        dates = [_utc(moment) for moment in array.ravel()]
+        if any(date is not None for date in dates):
+            array = np.array(dates, "datetime64[ns]").reshape(array.shape)
+    return array.astype("datetime64[ns]") if array.dtype.kind == "M" else array
+
+
+def _utc(moment: Any) -> np.datetime64 | None:
+    """A datetime as numpy's, in UTC; None for what is no datetime."""
+    if not isinstance(moment, datetime):
+        return None
+    if moment != moment:  # The NaT of pandas.
+        return np.datetime64("NaT", "ns")
+    aware = moment if moment.tzinfo is None else moment.astimezone(UTC).replace(tzinfo=None)
+    return np.datetime64(aware)
 
 
 # What numpy, or Python's `float`, would make numbers of.

@@ -90,6 +90,8 @@ def test_the_first_row_is_at_the_start_whatever_its_own_clock_says(orbiting, tmp
         ("nothing\n", EPOCH, "holds no two-line elements"),
         (ELEMENTS, "2021-01-01", "days away from the slews"),
         (ELEMENTS, "yesterday", "is no date"),
+        (ELEMENTS, 5.0, "5.0 is no date"),
+        (ELEMENTS, np.datetime64("2021-01-01"), "days away from the slews"),
     ],
 )
 def test_what_gives_no_orbit_is_said(tmp_path, text, epoch, says):
