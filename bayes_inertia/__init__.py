@@ -113,6 +113,12 @@ _PUBLIC = {
     "Work": "studies.work",
     "WorkResult": "studies.work",
     "fit_many": "app.many_folder",
+    # J and K over campaigns, and over a fleet.
+    "Fleet": "series.fleet",
+    "History": "series.history",
+    "SeenJump": "series.history",
+    "fleet": "series.fleet",
+    "history": "series.history",
     # What a campaign tells.
     "Degeneracy": "observability.degeneracy",
     "Direction": "observability.result",
@@ -166,6 +172,8 @@ _PUBLIC = {
     # Plots on axes of your own.
     "plot_attitude": "report.plots",
     "plot_candidates": "report.plots",
+    "plot_fleet": "report.plots",
+    "plot_history": "report.plots",
     "plot_observability": "report.plots",
     "plot_pairs": "report.plots",
     "plot_prior": "report.plots",

@@ -36,6 +36,7 @@ PUBLIC = set(
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
     LogDensity estimate fit log_density
     Execution Task TaskFailure Work WorkResult fit_many
+    Fleet History SeenJump fleet history
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
     Diagnosis Disagreement Formula FormulaSearch FormulaTerm FreeSignal Hypothesis Investigation
@@ -45,8 +46,8 @@ PUBLIC = set(
     compare_plans design_plan next_slew separating_slew
     keep_compiled_code
     Picture Section standard_sections write_report
-    plot_attitude plot_candidates plot_observability plot_pairs plot_prior plot_ranks plot_rates
-    plot_residuals plot_telemetry plot_trace
+    plot_attitude plot_candidates plot_fleet plot_history plot_observability plot_pairs plot_prior
+    plot_ranks plot_rates plot_residuals plot_telemetry plot_trace
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
     SettingsError StudyError
     """.split()  # noqa: SIM905

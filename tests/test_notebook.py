@@ -137,7 +137,18 @@ OF_ASTROPY = Time(STAMPS.to_numpy(), scale="utc")
         [stamp.to_pydatetime() for stamp in STAMPS],
         STAMPS - STAMPS[0],
     ],
-    ids=["index", "Time", "TAI", "list of Time", "TimeDelta", "with a zone", "series", "datetime64", "datetime", "timedelta"],
+    ids=[
+        "index",
+        "Time",
+        "TAI",
+        "list of Time",
+        "TimeDelta",
+        "with a zone",
+        "series",
+        "datetime64",
+        "datetime",
+        "timedelta",
+    ],
 )
 def test_datetimes_are_seconds_from_the_first_row(time):
     slew = bi.Slew("a", 0.0, time, rate=np.zeros((4, 3)))

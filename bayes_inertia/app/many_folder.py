@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import io
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +24,6 @@ from bayes_inertia.errors import (
     require,
 )
 from bayes_inertia.files import write_atomically
-from bayes_inertia.inference.likelihood_summary import (
-    LikelihoodSummary,
-    means_and_sds,
-    product,
-    summary_from_json,
-)
 from bayes_inertia.inference.settings import (
     FitContext,
     Settings,
@@ -43,7 +36,6 @@ from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 from bayes_inertia.report.criteria import ratios_told
-from bayes_inertia.report.formatting import listed
 from bayes_inertia.report.series_sections import (
     fleet_answer,
     fleet_sections,
@@ -51,9 +43,10 @@ from bayes_inertia.report.series_sections import (
     history_sections,
     series_notes,
 )
-from bayes_inertia.sealing import read_sealed_json, sha256_of
-from bayes_inertia.series.fleet import Fleet, FleetSettings, disagreeing, fleet_of
-from bayes_inertia.series.history import OF_PART, History, history_of
+from bayes_inertia.sealing import sha256_of
+from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_told, told_by_craft
+from bayes_inertia.series.history import OF_PART, History, history_told
+from bayes_inertia.series.sources import FITS_FILE, SUMMARY_FILE, Told, told_by
 from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
@@ -269,148 +262,65 @@ def _write_table(result: WorkResult, path: Path) -> None:
 
 HISTORY_FORMAT, FLEET_FORMAT = "bayes-inertia-history/1", "bayes-inertia-fleet/1"
 HISTORY, FLEET = ("history.json", "history.html"), ("fleet.json", "fleet.html")
-_RESUME = "write it again with `bayes-inertia resume RUN`"
 
 
 def run_history(
     sources: Sequence[Path], folder: Path, *, seed: int = 0, progress: Progress = silent
-) -> tuple[History, tuple[str, ...]]:
+) -> History:
     """J and K over campaigns in the order given; writes history.json and history.html.
 
     `sources`: folders of runs, of fits of many, or of campaigns, which are fitted in `folder`/runs.
-    Returns: the history; what must be known of its numbers, see `series_notes`.
     """
-    told = []
+    told: list[Told] = []
     for k, source in enumerate(sources, 1):
         run = folder / "runs" / f"{k:02d}_{source.resolve().name}"
-        told += _told(source, run, seed, progress)
-    _refuse_twice(told)
-    usable = _named_apart([one.summary for one in told if one.summary is not None])
-    what = f"{len(usable)} of {len(told)} campaigns have a result that can be used"
-    require(len(usable) >= 2, str(folder), what, "give at least two whose fit is trusted")
+        told += told_by(_fitted(source, run, seed, progress))
     progress("weighing how J and K may have changed", 0, 0)
-    history = history_of(usable)
-    left_out = tuple(one.campaign for one in told if one.summary is None)
-    notes = series_notes(history, left_out)
-    content = history_json(history) | {"left_out": left_out, "notes": notes}
-    owner = _owner(folder, HISTORY, HISTORY_FORMAT, "history", usable)
-    sections = history_sections(history, notes)
-    owner.write(json_ready(content), "J and K over campaigns", sections, *sources)
-    return history, notes
+    history = history_told(told)
+    owner = _owner(folder, HISTORY, HISTORY_FORMAT, "history", told)
+    sections = history_sections(history)
+    owner.write(history_json(history), "J and K over campaigns", sections, *sources)
+    return history
 
 
-def run_fleet(
-    fits: Path, folder: Path, *, seed: int = 0, progress: Progress = silent
-) -> tuple[Fleet, np.ndarray, tuple[str, ...]]:
+def run_fleet(fits: Path, folder: Path, *, seed: int = 0, progress: Progress = silent) -> Fleet:
     """J and K of a fleet; writes fleet.json and fleet.html.
 
-    `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft. Returns:
-    the fleet; sds (craft, n) of each craft alone; what must be known, see `series_notes`.
+    `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft.
     """
-    crafts: dict[str, list[LikelihoodSummary]] = {}
-    told_by = _of_many(fits)
-    _refuse_twice(told_by)
-    for one in told_by:
-        if one.summary is not None:
-            crafts.setdefault(one.campaign.split("/")[0], []).append(one.summary)
-    what = f"holds {len(crafts)} spacecraft with a result that can be used"
-    advice = "a fleet needs at least two: put the campaigns of each craft in a folder"
-    require(len(crafts) >= 2, str(fits), what, advice)
-    summaries = [replace(product(told), campaign=name) for name, told in crafts.items()]
-    settings = FleetSettings(seed=seed)
+    require((fits / FITS_FILE).is_file(), str(fits), f"no {FITS_FILE}", "run `fit-many` first")
+    crafts = told_by_craft(fits)
     progress("sampling the spread of the fleet", 0, 0)
-    fleet = replace(fleet_of(summaries, settings), disagree=disagreeing(crafts, settings))
-    alone, alone_sd = means_and_sds(summaries)
-    left_out = tuple(one.campaign for one in told_by if one.summary is None)
-    notes = series_notes(fleet, left_out)
-    content = fleet_json(fleet, alone_sd)
-    content |= {"left_out": left_out, "disagree": fleet.disagree, "notes": notes}
-    owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", summaries)
-    sections = fleet_sections(fleet, alone, alone_sd, notes)
-    owner.write(json_ready(content), f"Fleet of {len(crafts)} spacecraft", sections, fits)
-    return fleet, alone_sd, notes
+    fleet = fleet_told(crafts, FleetSettings(seed=seed))
+    owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", chain.from_iterable(crafts.values()))
+    title = f"Fleet of {len(fleet.names)} spacecraft"
+    owner.write(fleet_json(fleet), title, fleet_sections(fleet), fits)
+    return fleet
 
 
 def _owner(
-    folder: Path,
-    files: tuple[str, str],
-    form: str,
-    work: str,
-    summaries: Sequence[LikelihoodSummary],
+    folder: Path, files: tuple[str, str], form: str, work: str, told: Iterable[Told]
 ) -> ResultFolder:
-    """The claim on a folder of what these summaries tell."""
-    digest = sha256_of(json.dumps([summary.json() for summary in summaries]))
+    """The claim on a folder of what these campaigns tell."""
+    digest = sha256_of(json.dumps([one.summary.json() for one in told if one.summary]))
     return ResultFolder(folder, work, files[0], form, digest, {}, files[1:])
 
 
-class Told(NamedTuple):
-    """What one fit tells."""
-
-    campaign: str  # its name
-    summary: LikelihoodSummary | None  # None where the result must not be used
-
-
-def _refuse_twice(told: Sequence[Told]) -> None:
-    """Refuse telemetry that would count twice: all sds would be too small."""
-    of_each = {k: one.summary.learnt_from for k, one in enumerate(told) if one.summary}
-    slews = Counter(chain.from_iterable(of_each.values()))
-    twice = [told[k].campaign for k, own in of_each.items() if any(slews[x] > 1 for x in own)]
-    what = f"{listed(twice)} hold the same telemetry, which would count twice"
-    require(not twice, "campaigns", what, "give each slew once")
-
-
-def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
-    """What one source tells; a campaign is fitted in the folder of a run."""
-    if (source / "fits.parquet").is_file():
-        return _of_many(source)
-    if (source / "summary.json").is_file():
-        content = read_sealed_json(source / "summary.json", _RESUME)
-        return [Told(str(content.get("campaign")), _summary(content, source))]
+def _fitted(source: Path, run: Path, seed: int, progress: Progress) -> Path:
+    """A folder of fits; a campaign is fitted in the folder of a run."""
+    if (source / FITS_FILE).is_file() or (source / SUMMARY_FILE).is_file():
+        return source
     # As `fit` does: impossible data are no campaign of a series.
     refuse_impossible(source)
     run_folder.start(source, run, settings=usual_settings((), seed=seed))
-    posterior = run_folder.finish(run, report=False, progress=progress)
-    return [Told(str(posterior.attributes.get("campaign")), posterior.likelihood)]
-
-
-def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
-    """The series; campaigns of one name get their number."""
-    names = [summary.campaign for summary in series]
-    return [
-        summary
-        if names.count(summary.campaign) == 1
-        else replace(summary, campaign=f"{summary.campaign} ({k})")
-        for k, summary in enumerate(series, 1)
-    ]
-
-
-def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | None:
-    what = "the run was made by an older version: summary.json has no key likelihood"
-    require("likelihood" in content, str(source), what, _RESUME)
-    told = content["likelihood"]
-    return None if told is None else summary_from_json(told)
-
-
-def _of_many(fits: Path) -> list[Told]:
-    """What every campaign of `fit-many` tells."""
-    path = fits / "fits.parquet"
-    require(path.is_file(), str(fits), "no fits.parquet", "run `fit-many` first")
-    pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
-    return [
-        Told(row["campaign"], _summary(_likelihood_in(row), fits))
-        for row in pq.read_table(path).to_pylist()
-    ]
-
-
-def _likelihood_in(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The key `likelihood` of summary.json, as a row of fits.parquet holds it."""
-    return {"likelihood": json.loads(row["likelihood"])} if row.get("likelihood") else {}
+    run_folder.finish(run, report=False, progress=progress)
+    return run
 
 
 def history_json(history: History) -> dict[str, Any]:
     """What `history --json` prints."""
-    names = base_names(history.mean.shape[1])
-    return {
+    names = history.names
+    content = {
         "answer": history_answer(history),
         "campaigns": [
             {"campaign": name, "parameters": _values(history.mean[k], history.sd[k])}
@@ -426,22 +336,29 @@ def history_json(history: History) -> dict[str, Any]:
             for jump in history.jumps
         ],
         "wanders": history.wanders,
+        "left_out": history.left_out,
+        "notes": series_notes(history),
     }
+    return json_ready(content)
 
 
-def fleet_json(fleet: Fleet, alone_sd: np.ndarray) -> dict[str, Any]:
+def fleet_json(fleet: Fleet) -> dict[str, Any]:
     """What `fleet --json` prints."""
     names = base_names(fleet.mean.size)
     low, high = fleet.spread_low, fleet.spread_high
-    return {
-        "answer": fleet_answer(fleet, alone_sd),
+    content = {
+        "answer": fleet_answer(fleet),
         "fleet": _values(fleet.mean, fleet.sd),
         "spread": by_name(names, q50=fleet.spread, q05=low, q95=high),
         "spacecraft": [
             {"name": name, "parameters": _values(fleet.craft_mean[k], fleet.craft_sd[k])}
             for k, name in enumerate(fleet.names)
         ],
+        "left_out": fleet.left_out,
+        "disagree": fleet.disagree,
+        "notes": series_notes(fleet),
     }
+    return json_ready(content)
 
 
 def _values(mean: np.ndarray, sd: np.ndarray) -> dict[str, dict[str, float]]:

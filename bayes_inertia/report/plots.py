@@ -13,11 +13,13 @@ from matplotlib.axes import Axes
 
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.diagnosis import candidates_panel
 from bayes_inertia.report.pictures.observability import sd_panel
 from bayes_inertia.report.pictures.pairs import most_correlated, pairs_panel, prior_panel
+from bayes_inertia.report.pictures.series import fleet_panel, history_panel
 from bayes_inertia.report.pictures.telemetry import attitude_panel, rate_panel, residual_panel
 
 if TYPE_CHECKING:
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from bayes_inertia.diagnosis.result import Diagnosis
     from bayes_inertia.inference.posterior import Posterior
     from bayes_inertia.observability.result import Observability
+    from bayes_inertia.series.fleet import Fleet
+    from bayes_inertia.series.history import History
 
 # Inputs of the model, which no sensor's stream describes: title and unit.
 _INPUTS = {
@@ -372,4 +376,53 @@ def plot_candidates(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     assert ax is not None
     if scored:
         candidates_panel(ax, scored, diagnosis.threshold, diagnosis.named)
+    return ax
+
+
+@_on_axes
+def plot_history(history: History, name: str | int = 0, *, ax: Axes | None = None) -> Axes:
+    """One element of J or K over campaigns.
+
+    Parameters
+    ----------
+    history : History
+        Of one spacecraft.
+    name : str or int, optional
+        Of the parameter, or its number from 0.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; None for a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Dots: each campaign alone, with its sd. Line: all together, with its 90 % band. A dashed
+        line stands where a jump is possible. Over time where the history has it.
+    """
+    assert ax is not None
+    history_panel(ax, history, _index(history.names, name, "name"))
+    return ax
+
+
+@_on_axes
+def plot_fleet(fleet: Fleet, name: str | int = 0, *, ax: Axes | None = None) -> Axes:
+    """One element of J or K of each spacecraft of a fleet.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        Of sister spacecraft.
+    name : str or int, optional
+        Of the parameter, or its number from 0.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; None for a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Squares: from the own campaigns alone; dots: with the sisters'. Line and band: the fleet's
+        mean and spread.
+    """
+    assert ax is not None
+    order = fleet_panel(ax, fleet, _index(base_names(fleet.mean.size), name, "name"))
+    ax.set_xticks(range(len(order)), [fleet.names[k] for k in order], rotation=30, ha="right")
     return ax

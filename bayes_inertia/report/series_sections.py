@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from bayes_inertia.physics.parameters import base_names, base_units
@@ -45,57 +43,58 @@ def history_table(history: History) -> Table:
     return Table(_OF_HISTORY, rows, "many short")
 
 
-def series_notes(series: History | Fleet, left_out: Sequence[str]) -> tuple[str, ...]:
-    """What must be known of the numbers; `left_out`: campaigns without a usable result."""
-    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out))
+def series_notes(series: History | Fleet) -> tuple[str, ...]:
+    """What must be known of the numbers."""
+    return tuple(sentences("plans", "series_notes", series.is_scale_untied, series.left_out))
 
 
-def history_sections(history: History, notes: Sequence[str] = ()) -> list[Section]:
-    """The page of `history`, the answer first; `notes`: see `series_notes`."""
+def history_sections(history: History) -> list[Section]:
+    """The page of `history`, the answer first."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     result = history_table(history).section(
         "Result",
-        captioned("history", draw_history(history, LAYOUT.possible_change)),
+        captioned("history", draw_history(history)),
         sentence=history_answer(history),
         level="caution" if possible else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
-        notes=(*(phrase("plans", "jump", history, jump) for jump in possible), *notes),
+        notes=(
+            *(phrase("plans", "jump", history, jump) for jump in possible),
+            *series_notes(history),
+        ),
     )
     return [result]
 
 
-def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
+def fleet_answer(fleet: Fleet) -> str:
     """One sentence: how alike the spacecraft are, and what sisters are worth."""
-    gain = np.median(alone_sd / fleet.craft_sd, axis=0)
+    gain = np.median(fleet.alone_sd / fleet.craft_sd, axis=0)
     best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
     sharpest = base_names(gain.size)[best]
     n, apart = len(fleet.names), fleet.disagree
     return phrase("plans", "fleet", n, share, sharpest, gain[best], apart)
 
 
-def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
+def fleet_table(fleet: Fleet) -> Table:
     """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
     rows: list[tuple[str, ...]] = []
     n = fleet.mean.size
     for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
         mean, sd, spread = fleet.mean[k], fleet.sd[k], fleet.spread[k]
         ends = (number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k]))
-        sds = (float(np.median(x[:, k])) for x in (alone_sd, fleet.craft_sd))
+        sds = (float(np.median(x[:, k])) for x in (fleet.alone_sd, fleet.craft_sd))
         common = number(mean, sd), number(sd, sd), number(spread, spread), " to ".join(ends)
         rows.append((name, unit_text(unit), *common, *(number(x, x) for x in sds)))
     return Table(_OF_FLEET, rows, "many short")
 
 
-def fleet_sections(
-    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, notes: Sequence[str] = ()
-) -> list[Section]:
-    """The page of `fleet`, the answer first; `notes`: see `series_notes`."""
-    result = fleet_table(fleet, alone_sd).section(
+def fleet_sections(fleet: Fleet) -> list[Section]:
+    """The page of `fleet`, the answer first."""
+    result = fleet_table(fleet).section(
         "Result",
-        captioned("fleet", draw_fleet(fleet, alone, alone_sd)),
-        sentence=fleet_answer(fleet, alone_sd),
+        captioned("fleet", draw_fleet(fleet)),
+        sentence=fleet_answer(fleet),
         level="caution" if fleet.disagree else "good",
-        notes=(_SPREAD, *notes),
+        notes=(_SPREAD, *series_notes(fleet)),
     )
     return [result]

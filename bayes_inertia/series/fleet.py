@@ -8,18 +8,30 @@ the logarithms of the sds are sampled.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import emcee
 import numpy as np
 
+from bayes_inertia.errors import require, require_kind
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
+    means_and_sds,
     p_value_of_same,
+    product,
     require_same_parameters,
 )
-from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.series.history import unit_of
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.printed import Card, listed, parameter_card, shown_as
+from bayes_inertia.maths.values import array_dataclass, whole_number
+from bayes_inertia.physics.parameters import base_names, base_units
+from bayes_inertia.series.history import unit_of, values_by_name
+from bayes_inertia.series.sources import Told, told_by, usable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -43,21 +55,133 @@ class FleetSettings:
     largest: float = 1.0
 
 
+def _card(fleet: Fleet) -> Card:
+    """The fleet's J and K, and how alike its spacecraft are."""
+    first = f"Fleet of {len(fleet.names)} spacecraft: {listed(fleet.names)}"
+    if fleet.disagree:
+        first += f"; do not use it: campaigns of {listed(fleet.disagree)} disagree"
+    n = fleet.mean.size
+    told = zip(base_names(n), base_units(n), fleet.mean, fleet.sd, strict=True)
+    return parameter_card(first, "fleet's mean ± sd", told, spread=fleet.spread.tolist())
+
+
+@shown_as(_card)
 @array_dataclass
 class Fleet:
-    """J and K of a fleet and of each spacecraft in it."""
+    """J and K of a fleet and of each of its n spacecraft; p is how many numbers J and K are.
 
-    names: tuple[str, ...]  # of the spacecraft
-    mean: np.ndarray  # (n,) the fleet's mean of J [kg m^2] and K, and how well it is known
+    Parameters
+    ----------
+    names : tuple of str
+        Of the spacecraft.
+    mean, sd : (p,) arrays
+        The fleet's mean of J [kg m^2] and K, and how well it is known.
+    spread, spread_low, spread_high : (p,) arrays
+        Sd from craft to craft: median and 90 % interval.
+    craft_mean, craft_sd : (n, p) arrays
+        Each spacecraft, from its own campaigns and from its sisters.
+    alone, alone_sd : (n, p) arrays
+        Each spacecraft, from its own campaigns alone.
+    is_scale_untied : bool
+        Whether nothing ties the size of any J.
+    disagree : tuple of str
+        Spacecraft whose campaigns do not tell of one J and K.
+    left_out : tuple of str
+        Campaigns whose result must not be used.
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
     sd: np.ndarray
-    spread: np.ndarray  # (n,) sd from craft to craft: median and 90 % interval
+    spread: np.ndarray
     spread_low: np.ndarray
     spread_high: np.ndarray
-    # (craft, n) each spacecraft, from its own campaigns and from its sisters.
     craft_mean: np.ndarray
     craft_sd: np.ndarray
-    is_scale_untied: bool = False  # whether nothing ties the size of any J
-    disagree: tuple[str, ...] = ()  # spacecraft whose campaigns do not tell of one J and K
+    alone: np.ndarray
+    alone_sd: np.ndarray
+    is_scale_untied: bool = False
+    disagree: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """J and K of each spacecraft as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a spacecraft; of each parameter `Jxx` and `Jxx_sd` with its sisters,
+            `Jxx_alone` and `Jxx_alone_sd` without them [kg m^2; K without unit].
+        """
+        mean, sd = self.craft_mean, self.craft_sd
+        return values_by_name(self.names, mean, sd, self.alone, self.alone_sd)
+
+
+def fleet(
+    crafts: Mapping[str, Sequence[Posterior | str | Path]] | str | Path, *, seed: int = 0
+) -> Fleet:
+    """What sister spacecraft have in common; each of them is known better by it.
+
+    Each craft's J and K are drawn from the fleet's, a Gaussian whose mean and spread are estimated
+    (Gelman et al. 2013, chapter 5): what its own slews leave open comes from its sisters, as far
+    as they are alike. The command `fleet` does the same.
+
+    Parameters
+    ----------
+    crafts : mapping of str to sequence of Posterior, str or Path; or str or Path
+        The fits of each spacecraft, by its name, or folders of their runs. Or the folder that
+        `fit-many` wrote: the first folder of a campaign's path is its spacecraft.
+    seed : int, optional
+        Of the draws of the spread.
+
+    Returns
+    -------
+    Fleet
+        Mean and spread of the fleet, each spacecraft with and without its sisters.
+
+    Raises
+    ------
+    CampaignError
+        If fewer than two spacecraft have a result that may be used, two results hold the same
+        telemetry (it would count twice), or they differ in their number of K's.
+
+    Examples
+    --------
+    >>> fleet({"sat A": ["run_a"], "sat B": ["run_b1", "run_b2"]})
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: run_a: no finished fit is here; give a Posterior, ...
+    """
+    return fleet_told(told_by_craft(crafts), FleetSettings(seed=whole_number(seed, "seed")))
+
+
+def told_by_craft(
+    crafts: Mapping[str, Sequence[Posterior | str | Path]] | str | Path,
+) -> dict[str, list[Told]]:
+    """What the fits of each spacecraft tell, each called "craft/campaign"; see `fleet`."""
+    found: dict[str, list[Told]] = {}
+    if isinstance(crafts, str | Path):
+        for one in told_by(crafts):
+            found.setdefault(one.campaign.split("/")[0], []).append(one)
+        return found
+    advice = 'give {"sat A": [posterior, ...], "sat B": ...}, or the folder of `fit-many`'
+    require_kind(crafts, Mapping, "crafts", advice)
+    for name, sources in crafts.items():
+        own = told_by(sources)
+        found[str(name)] = [one._replace(campaign=f"{name}/{one.campaign}") for one in own]
+    return found
+
+
+def fleet_told(told: Mapping[str, Sequence[Told]], settings: FleetSettings) -> Fleet:
+    """The fleet that the campaigns of its spacecraft tell of."""
+    _, left_out = usable([one for own in told.values() for one in own])
+    of_each = {name: [one.summary for one in own if one.summary] for name, own in told.items()}
+    crafts = {name: own for name, own in of_each.items() if own}
+    what = f"holds {len(crafts)} spacecraft with a result that can be used"
+    advice = "a fleet needs at least two: put the campaigns of each in a folder or list of its own"
+    require(len(crafts) >= 2, "crafts", what, advice)
+    summaries = [replace(product(own), campaign=name) for name, own in crafts.items()]
+    found = fleet_of(summaries, settings)
+    return replace(found, disagree=disagreeing(crafts, settings), left_out=left_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +262,8 @@ def fleet_of(
     names = tuple(c.campaign for c in crafts)
     untied = all(c.is_scale_untied for c in crafts)
     center, own = first.prior_mean + scale * mean, first.prior_mean + scale * own_mean
-    return Fleet(names, center, scale * sd, middle, low, high, own, scale * own_sd, untied)
+    of_each = own, scale * own_sd, *means_and_sds(crafts)
+    return Fleet(names, center, scale * sd, middle, low, high, *of_each, untied)
 
 
 def disagreeing(

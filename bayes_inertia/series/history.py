@@ -7,22 +7,32 @@ what is reported is their average, as a diagnosis averages over effects.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import product
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from scipy.special import logsumexp
 
+from bayes_inertia.errors import require
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
     means_and_sds,
     require_same_parameters,
 )
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.printed import Card, parameter_card, shown_as
+from bayes_inertia.maths.values import array_dataclass, moments
+from bayes_inertia.physics.parameters import base_names, base_units
+from bayes_inertia.series.sources import Told, told_by, usable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Part = Literal["J", "K"]
 OF_PART: Mapping[Part, slice] = MappingProxyType(
@@ -97,28 +107,182 @@ class WeighedChanges:
 
 @array_dataclass
 class SeenJump:
-    """A jump between two campaigns, with its probability."""
+    """A jump between two campaigns, with its probability.
 
-    after: int  # number of the campaign before it, from 0
-    part: Part  # what changed
-    probability: float  # that it happened between these two campaigns
-    size: np.ndarray  # change of each element of J [kg m^2], or of each K, if it happened
+    Parameters
+    ----------
+    after : int
+        Number of the campaign before it, from 0.
+    part : {"J", "K"}
+        What changed.
+    probability : float
+        That it happened between these two campaigns.
+    size : (6,) or (axes,) array
+        Change of each element of J [kg m^2], or of each K, if it happened.
+    sd : (6,) or (axes,) array
+        How well that is known.
+    """
+
+    after: int
+    part: Part
+    probability: float
+    size: np.ndarray
     sd: np.ndarray
 
 
+def _card(history: History) -> Card:
+    """The most probable jump, and J and K now."""
+    names, between = history.campaigns, "no jump was tried"
+    if history.jumps:
+        jump = history.jumps[0]
+        pair = " and ".join(names[jump.after : jump.after + 2])
+        between = f"a jump of {jump.part} between {pair} has {100.0 * jump.probability:.1f} %"
+    mean, sd = history.mean, history.sd
+    now = zip(history.names, base_units(len(history.names)), mean[-1], sd[-1], strict=True)
+    first = f"History of {len(names)} campaigns: {between}"
+    return parameter_card(first, "now ± sd", now, change=(mean[-1] - mean[0]).tolist())
+
+
+@shown_as(_card)
 @array_dataclass
 class History:
-    """J and K over a series of campaigns."""
+    """J and K over a series of n campaigns; p is how many numbers J and K are.
 
-    campaigns: tuple[str, ...]  # in the order flown
-    mean: np.ndarray  # (campaigns, n) J [kg m^2] and K at each campaign, from all campaigns
+    Parameters
+    ----------
+    campaigns : tuple of str
+        Their names, in the order flown.
+    mean, sd : (n, p) arrays
+        J [kg m^2] and K at each campaign, from all campaigns.
+    alone, alone_sd : (n, p) arrays
+        From each campaign alone, with the prior of the first.
+    jumps : tuple of SeenJump
+        The most probable first; improbable ones are among them.
+    wanders : dict of str to float
+        Probability that J, and that K, changes a little from each campaign to the next.
+    is_scale_untied : bool
+        Whether no campaign ties the size of J.
+    left_out : tuple of str
+        Campaigns whose result must not be used.
+    time : (n,) array, optional
+        When each was flown, if that was told: dates in UTC, or numbers.
+    """
+
+    campaigns: tuple[str, ...]
+    mean: np.ndarray
     sd: np.ndarray
-    alone: np.ndarray  # (campaigns, n) from each campaign alone, with the prior of the first
+    alone: np.ndarray
     alone_sd: np.ndarray
-    jumps: tuple[SeenJump, ...]  # the most probable first; improbable ones are among them
-    # Probability that J, and that K, changes a little from each campaign to the next.
+    jumps: tuple[SeenJump, ...]
     wanders: dict[Part, float]
-    is_scale_untied: bool = False  # whether no campaign ties the size of J
+    is_scale_untied: bool = False
+    left_out: tuple[str, ...] = ()
+    time: np.ndarray | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Jxx to Jyz and the K's, in the order of the columns."""
+        return base_names(self.mean.shape[1])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """J and K at each campaign as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a campaign; of each parameter `Jxx` and `Jxx_sd` from all campaigns,
+            `Jxx_alone` and `Jxx_alone_sd` from this one [kg m^2; K without unit]; `time` if known.
+        """
+        table = values_by_name(self.campaigns, self.mean, self.sd, self.alone, self.alone_sd)
+        if self.time is not None:
+            table.insert(0, "time", self.time)
+        return table
+
+
+def values_by_name(
+    rows: Sequence[str],
+    mean: np.ndarray,
+    sd: np.ndarray,
+    alone: np.ndarray,
+    alone_sd: np.ndarray,
+) -> pd.DataFrame:
+    """A table of J and K (rows, p) that are known together and alone, columns beside each other."""
+    from pandas import DataFrame
+
+    kinds = {"": mean, "_sd": sd, "_alone": alone, "_alone_sd": alone_sd}
+    names = enumerate(base_names(mean.shape[1]))
+    columns = {f"{name}{key}": x[:, k] for k, name in names for key, x in kinds.items()}
+    return DataFrame(columns, index=list(rows))
+
+
+def history(sources: Sequence[Posterior | str | Path] | str | Path, *, time: Any = None) -> History:
+    """Whether J and K changed from campaign to campaign: when, by how much, how probable.
+
+    From campaign to campaign J and K may stay, wander a little, or jump. Each way is a linear
+    Gaussian model with an exact evidence (Kalman filter); what is returned is their average. The
+    command `history` does the same.
+
+    Parameters
+    ----------
+    sources : sequence of Posterior, str or Path
+        Fits of one spacecraft in the order flown, or folders of runs. A folder of `fit-many` is
+        all of its campaigns in the order of their names, and may stand alone.
+    time : (n,) array_like, optional
+        When each campaign was flown, increasing: datetimes, or numbers in a unit of your own. For
+        tables and plots alone: what may happen between two campaigns does not depend on it.
+
+    Returns
+    -------
+    History
+        J and K at each campaign, jumps with their probabilities.
+
+    Raises
+    ------
+    CampaignError
+        If fewer than two results may be used, two hold the same telemetry (it would count twice),
+        they differ in their number of K's, or times do not fit.
+
+    Examples
+    --------
+    >>> history(["run_march", "run_june"])
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: run_march: no finished fit is here; give a Posterior, ...
+    """
+    return history_told(told_by(sources), time)
+
+
+def history_told(told: Sequence[Told], time: Any = None) -> History:
+    """The history that campaigns tell, in the order flown; `time` (n,): see `history`."""
+    series, left_out = usable(told)
+    what = f"{len(series)} of {len(told)} campaigns have a result that can be used"
+    require(len(series) >= 2, "sources", what, "give at least two whose fit is trusted")
+    when = None if time is None else _times(time, len(told))
+    if when is not None:
+        when = when[[one.summary is not None for one in told]]
+    return replace(history_of(_named_apart(series)), left_out=left_out, time=when)
+
+
+def _times(time: Any, n: int) -> np.ndarray:
+    """When each of n campaigns was flown."""
+    when = moments(time, "time", "give datetimes or numbers")
+    fits = when.shape == (n,) and when.dtype.kind in "Miuf"
+    advice = "give a datetime or a number for each campaign"
+    require(fits, "time", f"shape {when.shape} of {when.dtype} for {n} campaigns", advice)
+    later = bool((when[1:] > when[:-1]).all())
+    what, advice = "times do not increase", "give campaigns in the order flown, with their times"
+    require(later, "time", what, advice)
+    return when
+
+
+def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
+    """The series; campaigns of one name get their number."""
+    count = Counter(summary.campaign for summary in series)
+    return [
+        summary
+        if count[summary.campaign] == 1
+        else replace(summary, campaign=f"{summary.campaign} ({k})")
+        for k, summary in enumerate(series, 1)
+    ]
 
 
 def weigh_changes(

@@ -6,11 +6,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, campaign_of
 
+import bayes_inertia as bi
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.sealing import sealed
@@ -59,6 +61,45 @@ def test_history_dates_a_change_and_says_what_it_leaves_out(runs, tmp_path, caps
     assert "must not be used: refused" in page
 
 
+def test_python_asks_as_the_command_does(runs, tmp_path, capsys):
+    out, days = tmp_path / "history", pd.date_range("2026-01-01", periods=5, freq="30D")
+    assert call("history", *runs, "-o", out) == 0
+    told, history = json.loads((out / "history.json").read_text()), bi.history(runs, time=days)
+    assert history.left_out == ("refused",)
+    assert history.jumps[0].probability == told["jumps"][0]["probability"]
+    text = repr(history).splitlines()
+    assert text[0].startswith("History of 4 campaigns: a jump of J between b and c has 100.0 %")
+    assert text[1].startswith("Jxx ")
+    assert "<td>Jzz</td>" in history._repr_html_()
+    table = history.to_dataframe()
+    assert list(table["time"]) == list(days[:4])  # the last campaign is left out
+    for row in told["campaigns"]:
+        for name, values in row["parameters"].items():
+            assert table.loc[row["campaign"], name] == values["mean"]
+            assert table.loc[row["campaign"], f"{name}_sd"] == values["quoted_sd"]
+    assert (table["Jzz_sd"] < table["Jzz_alone_sd"]).all()
+
+
+def test_what_python_cannot_ask_is_said(runs, tmp_path):
+    days = pd.date_range("2026-01-01", periods=5)
+    for sources, more, says in (
+        (3, {}, "sources: an int is no list"),
+        ([3], {}, "sources: an int is no Posterior or str or Path"),
+        ([tmp_path], {}, "no finished fit is here; give a Posterior, or the folder"),
+        (runs[:1], {}, "1 of 1 campaigns have a result that can be used"),
+        (runs, {"time": days[:4]}, "time: shape .4,. of datetime64.ns. for 5 campaigns; give"),
+        (runs, {"time": days[::-1]}, "time: times do not increase; give campaigns in the order"),
+    ):
+        with pytest.raises(bi.CampaignError, match=says):
+            bi.history(sources, **more)
+    with pytest.raises(bi.CampaignError, match=r'crafts: a list is no Mapping; give ."sat A'):
+        bi.fleet([runs[0], runs[1]])
+    with pytest.raises(bi.CampaignError, match="crafts: holds 1 spacecraft with a result"):
+        bi.fleet({"sat A": runs[:2], "sat B": runs[-1]})
+    with pytest.raises(bi.SettingsError, match=r"seed: is 1\.5"):
+        bi.fleet({"sat A": runs[:2], "sat B": runs[2]}, seed=1.5)
+
+
 def test_one_usable_campaign_is_no_series(runs, tmp_path, capsys):
     assert call("history", runs[0], runs[-1], "-o", tmp_path / "history") == 2
     assert "1 of 2 campaigns have a result that can be used" in capsys.readouterr().err
@@ -95,7 +136,22 @@ def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
     assert "left out, because their result must not be used: craft_9/campaign_0" in printed
     content = json.loads((tmp_path / "fleet" / "fleet.json").read_text())
     assert [craft["name"] for craft in content["spacecraft"]] == ["craft_0", "craft_1", "craft_2"]
+    # The same from runs, named in Python.
+    runs = {}
+    for name, likelihood in told.items():
+        run = tmp_path / name
+        run.mkdir(parents=True)
+        write_json(run / "summary.json", sealed({"campaign": "of a run", "likelihood": likelihood}))
+        runs.setdefault(run.parent.name, []).append(run)
+    fleet = bi.fleet(runs)
+    of_many = bi.fleet(fits)
+    assert of_many.left_out == ("craft_9/campaign_0",)
+    assert replace(of_many, left_out=()) == fleet != bi.fleet(runs, seed=1)
+    table = fleet.to_dataframe()
+    assert repr(fleet).startswith("Fleet of 3 spacecraft: craft_0, craft_1 and craft_2")
+    assert (table["K1_sd"] < table["K1_alone_sd"]).all()
     for craft, x in zip(content["spacecraft"], truth, strict=True):
+        assert table.loc[craft["name"], "Jxx"] == craft["parameters"]["Jxx"]["mean"]
         Jxx = craft["parameters"]["Jxx"]
         assert abs(Jxx["mean"] - x[0]) < 5.0 * Jxx["quoted_sd"]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bayes_inertia as bi
 from bayes_inertia.app import many_folder, run_folder
+from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.app.told_torques import refuse_impossible, torques_of
 from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.campaign.campaign import Campaign
@@ -22,6 +22,7 @@ from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.quaternion import exp, to_body
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.sealing import sealed
 
 THRUSTERS = """from dataclasses import dataclass
 import jax.numpy as jnp
@@ -153,9 +154,14 @@ def test_rotors_count_in_the_total_momentum():
 def test_a_history_refuses_what_fit_refuses(sign, says, tmp_path, monkeypatch):
     """Devices of a campaign count there too: thrusters that push the other way are no data."""
     write_campaign(with_jets(sign), tmp_path / "jets")
-    unusable = SimpleNamespace(attributes={"campaign": "jets"}, likelihood=None)
+
+    def fitted(run, **_):
+        run.mkdir(parents=True)
+        unusable = {"campaign": "jets", "likelihood": None}
+        write_json(run / "summary.json", sealed(unusable))
+
     monkeypatch.setattr(run_folder, "start", lambda *_, **__: None)
-    monkeypatch.setattr(run_folder, "finish", lambda *_, **__: unusable)
+    monkeypatch.setattr(run_folder, "finish", fitted)
     with pytest.raises(CampaignError, match=says):
         many_folder.run_history([tmp_path / "jets"], tmp_path / "out")
 

@@ -1,15 +1,20 @@
 """Plots on axes of one's own."""
 
+import json
+
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot, rcParams
+from matplotlib.dates import num2date
 from matplotlib.figure import Figure
 
 import bayes_inertia as bi
 from bayes_inertia.diagnosis.result import Candidate, Diagnosis
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.report.pictures.series import draw_fleet, draw_history
 from bayes_inertia.report.plots import plot_candidates
 
 BASE = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
@@ -85,6 +90,43 @@ def test_telemetry_and_observability_are_drawn_before_any_fit():
     seen = observe(campaign)
     axes = bi.plot_observability(seen, ax=Figure().subplots())
     assert [text.get_text() for text in axes.get_yticklabels()] == list(seen.names)
+
+
+@pytest.fixture(scope="module")
+def series(posteriors):
+    """Four fits, Jzz 2 % larger in the last two: as campaigns of one craft, and of two crafts."""
+    fits = [Posterior(posteriors["good"].tree.copy(deep=True)) for _ in range(4)]
+    for fit in fits[2:]:
+        fit.tree["estimate"]["theta"][2] *= 1.02
+    days = np.array(["2026-01-01", "2026-03-01", "2026-05-01", "2026-07-01"], "M8[D]")
+    return bi.history(fits, time=days), bi.fleet({"sat A": fits[0], "sat B": fits[2:]})
+
+
+def test_a_history_and_a_fleet_of_fits_are_drawn_as_their_pages_do(series):
+    history, fleet = series
+    # K does not jump, Jzz does.
+    for name, lines in (("Jzz", 3), ("K1", 2), (2, 3)):
+        axes = Figure().subplots()
+        assert bi.plot_history(history, name, ax=axes) is axes
+        assert len(axes.lines) == lines
+        known = num2date(axes.get_lines()[0].get_xdata(orig=False))
+        assert [day.month for day in known] == [1, 3, 5, 7]
+    axes = bi.plot_fleet(fleet, "Jzz", ax=Figure().subplots())
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["sat A", "sat B"]
+    of_pages = draw_history(history).axes[2].lines, draw_fleet(fleet).axes[2].lines
+    of_plots = bi.plot_history(history, "Jzz", ax=Figure().subplots()).lines, axes.lines
+    for ours, theirs in zip(of_plots, of_pages, strict=True):
+        for own, line in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(own.get_xydata(), line.get_xydata())
+
+
+def test_fits_that_share_a_slew_are_no_series(posteriors):
+    tree = posteriors["good"].tree.copy(deep=True)
+    attributes = posteriors["good"].attributes | {"slew_digests": {"own": ["1"]}}
+    tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    for ask in (bi.history, lambda fits: bi.fleet(dict(zip("ab", fits, strict=True)))):
+        with pytest.raises(bi.CampaignError, match="hold the same telemetry, which would count"):
+            ask([Posterior(tree), Posterior(tree)])
 
 
 def test_candidates_are_drawn_without_a_report():

@@ -246,9 +246,10 @@ def history_command(
     with progress_bar() as progress:
         from bayes_inertia.app.many_folder import HISTORY, run_history
 
-        history, notes = run_history(sources, out, seed=seed, progress=progress)
-    from bayes_inertia.report.series_sections import history_answer, history_table
+        history = run_history(sources, out, seed=seed, progress=progress)
+    from bayes_inertia.report.series_sections import history_answer, history_table, series_notes
 
+    notes = series_notes(history)
     told = history_answer(history), history_table(history), notes, HISTORY, out
     show_result(out / HISTORY[0], as_json, open_page, _show, *told)
 
@@ -263,10 +264,10 @@ def fleet_command(
     with progress_bar() as progress:
         from bayes_inertia.app.many_folder import FLEET, run_fleet
 
-        fleet, alone_sd, notes = run_fleet(fits, out, seed=seed, progress=progress)
-    from bayes_inertia.report.series_sections import fleet_answer, fleet_table
+        fleet = run_fleet(fits, out, seed=seed, progress=progress)
+    from bayes_inertia.report.series_sections import fleet_answer, fleet_table, series_notes
 
-    told = fleet_answer(fleet, alone_sd), fleet_table(fleet, alone_sd), notes, FLEET, out
+    told = fleet_answer(fleet), fleet_table(fleet), series_notes(fleet), FLEET, out
     show_result(out / FLEET[0], as_json, open_page, _show, *told)
 
 

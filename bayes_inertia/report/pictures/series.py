@@ -18,58 +18,69 @@ from bayes_inertia.series.history import OF_PART, History
 
 
 @style.styled
-def draw_history(history: History, told: float) -> Figure:
+def draw_history(history: History) -> Figure:
     """Each element of J and K against the campaigns: each campaign alone, and all together."""
     figure, panels = _panels(history.mean.shape[1], sharex=True)
-    x = np.arange(len(history.campaigns))
     for k, axes in enumerate(panels):
-        center, power = _center_and_power(history.mean[:, k], history.alone_sd[:, k])
-        size = 10.0**power
-        mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
-        reach = LAYOUT.sds_of_90_percent * sd
-        axes.fill_between(x, mean - reach, mean + reach, color=style.SKY, alpha=0.35, lw=0)
-        axes.plot(x, mean, color=style.BLUE)
-        alone, sd = (history.alone[:, k] - center) / size, history.alone_sd[:, k] / size
-        axes.errorbar(
-            x, alone, sd, fmt="o", ms=3.5, color=style.INK, ecolor=style.MUTED, elinewidth=0.8
-        )
-        for jump in history.jumps:
-            if jump.probability > told and k in range(len(panels))[OF_PART[jump.part]]:
-                axes.axvline(jump.after + 0.5, color=style.VERMILLION, ls=(0, (4, 2)))
-        _labels(axes, k, len(panels), center, power)
-        axes.set_xticks(x, history.campaigns, rotation=30, ha="right")
+        history_panel(axes, history, k)
         axes.tick_params(labelbottom=k + 3 >= len(panels))
     return figure
 
 
-@style.styled
-def draw_fleet(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> Figure:
-    """Each element of J and K of each spacecraft: from its own campaigns, and with its sisters'.
+def history_panel(axes: Axes, history: History, k: int) -> None:
+    """One element of J or K against the campaigns, or the times that are told of them."""
+    known = history.time
+    x: np.ndarray = np.arange(len(history.campaigns)) if known is None else known
+    center, power = _center_and_power(history.mean[:, k], history.alone_sd[:, k])
+    size = 10.0**power
+    mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
+    reach = LAYOUT.sds_of_90_percent * sd
+    axes.fill_between(x, mean - reach, mean + reach, color=style.SKY, alpha=0.35, lw=0)
+    axes.plot(x, mean, color=style.BLUE)
+    alone, sd = (history.alone[:, k] - center) / size, history.alone_sd[:, k] / size
+    axes.errorbar(
+        x, alone, sd, fmt="o", ms=3.5, color=style.INK, ecolor=style.MUTED, elinewidth=0.8
+    )
+    for jump in history.jumps:
+        of_part = range(history.mean.shape[1])[OF_PART[jump.part]]
+        if jump.probability > LAYOUT.possible_change and k in of_part:
+            before, after = x[jump.after : jump.after + 2]
+            axes.axvline(before + (after - before) / 2, color=style.VERMILLION, ls=(0, (4, 2)))
+    _labels(axes, k, history.mean.shape[1], center, power)
+    if known is None:
+        axes.set_xticks(x, history.campaigns, rotation=30, ha="right")
 
-    `alone`, `alone_sd` (craft, n).
-    """
+
+@style.styled
+def draw_fleet(fleet: Fleet) -> Figure:
+    """Each element of J and K of each spacecraft: from its own campaigns, and with its sisters'."""
     figure, panels = _panels(fleet.mean.size)
-    x = np.arange(len(fleet.names))
     for k, axes in enumerate(panels):
-        order = np.argsort(fleet.craft_mean[:, k])
-        center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
-        size = 10.0**power
-        mean, spread = (fleet.mean[k] - center) / size, fleet.spread[k] / size
-        axes.axhspan(mean - spread, mean + spread, color=style.SKY, alpha=0.3, lw=0)
-        axes.axhline(mean, color=style.BLUE, lw=0.8)
-        for shift, values, sds, color, marker in (
-            (-0.15, alone, alone_sd, style.MUTED, "s"),
-            (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o"),
-        ):
-            value, sd = (values[order, k] - center) / size, sds[order, k] / size
-            axes.errorbar(x + shift, value, sd, fmt=marker, ms=3.0, color=color, elinewidth=0.8)
-        low, high = axes.get_ylim()
-        reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
-        axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
-        _labels(axes, k, len(panels), center, power)
-        axes.set_xticks([])
-        axes.set_xlabel("spacecraft, in order")
+        fleet_panel(axes, fleet, k)
     return figure
+
+
+def fleet_panel(axes: Axes, fleet: Fleet, k: int) -> np.ndarray:
+    """One element of J or K of each spacecraft; returns their order (craft,) from left to right."""
+    x, order = np.arange(len(fleet.names)), np.argsort(fleet.craft_mean[:, k])
+    center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
+    size = 10.0**power
+    mean, spread = (fleet.mean[k] - center) / size, fleet.spread[k] / size
+    axes.axhspan(mean - spread, mean + spread, color=style.SKY, alpha=0.3, lw=0)
+    axes.axhline(mean, color=style.BLUE, lw=0.8)
+    for shift, values, sds, color, marker in (
+        (-0.15, fleet.alone, fleet.alone_sd, style.MUTED, "s"),
+        (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o"),
+    ):
+        value, sd = (values[order, k] - center) / size, sds[order, k] / size
+        axes.errorbar(x + shift, value, sd, fmt=marker, ms=3.0, color=color, elinewidth=0.8)
+    low, high = axes.get_ylim()
+    reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
+    axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
+    _labels(axes, k, fleet.mean.size, center, power)
+    axes.set_xticks([])
+    axes.set_xlabel("spacecraft, in order")
+    return order
 
 
 def _panels(n: int, *, sharex: bool = False) -> tuple[Figure, list[Axes]]:
