@@ -106,6 +106,7 @@ _PUBLIC = {
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
     "log_density": "app.fit_campaign",
+    "update": "app.fit_campaign",
     # Many fits.
     "Execution": "studies.engine",
     "Task": "studies.work",

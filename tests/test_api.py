@@ -34,7 +34,7 @@ PUBLIC = set(
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
-    LogDensity estimate fit log_density
+    LogDensity estimate fit log_density update
     Execution Task TaskFailure Work WorkResult fit_many
     Fleet History SeenJump fleet history
     Degeneracy Direction InformationArrival Observability ParameterObservability observe

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import GaussianPrior, prior_in
 from bayes_inertia.diagnosis.candidates import restarted_with_mode
 from bayes_inertia.diagnosis.quoted_parameters import (
     AlternativeParameters,
@@ -25,6 +26,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
     undetected_alternatives,
 )
 from bayes_inertia.errors import SettingsError, members, require, require_kind
+from bayes_inertia.files import path_of
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.density_marginal import density_marginal, log_posterior_with_densities
@@ -147,6 +149,66 @@ def fit(
     ends = space.lower[:n], space.upper[:n]
     posterior = averaged_posterior(posterior, alternatives, settings.seed, ends)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def update(
+    former: Posterior | str | Path, campaign: Campaign, *, inflate: float = 0.0, **options: Any
+) -> Posterior:
+    """Add a campaign to a former result, as if both were fitted together.
+
+    The former posterior of J and K is the prior; rate bias, start states and effects of each
+    campaign are its own. Slews that the former result holds already are refused: they would count
+    twice. The command `update` does the same.
+
+    Parameters
+    ----------
+    former : Posterior, str or Path
+        A fit, or the folder of a finished run. Also a JSON file, as `prior_in` takes it.
+    campaign : Campaign
+        What was flown since. A prior of its own is not used.
+    inflate : float, optional
+        What may have changed since: sd of each element of J as a fraction of its mean moment, of
+        each K as a fraction of it.
+    **options
+        As `fit` takes them: effects, drive, seed, settings, noise, progress, ...
+
+    Returns
+    -------
+    Posterior
+        Of both campaigns; its `likelihood` is that of the new one alone.
+
+    Raises
+    ------
+    CampaignError
+        If the former result must not be used, or holds a slew of the campaign already.
+    EffectError, EstimateError
+        As `fit`.
+
+    Examples
+    --------
+    A fit takes a minute or so, so this is no doctest::
+
+        both = update(fit(read_campaign("year_1"), seed=1), read_campaign("year_2"), seed=1)
+        both.to_dataframe()["quoted_sd"]
+    """
+    advice = "give a Campaign: read_campaign reads one"
+    require_kind(campaign, Campaign, "campaign", advice)
+    return fit(replace(campaign, prior=known_before(former, inflate)), **options)
+
+
+def known_before(former: Posterior | str | Path, inflate: float = 0.0) -> GaussianPrior:
+    """J and K as a former result, or the folder or file of one, knows them, for another fit."""
+    if not isinstance(former, Posterior):
+        path = path_of(former, "former")
+        if path.suffix != ".nc":
+            return prior_in(path).inflated(inflate)
+        former = Posterior.load(path)
+    what = "the result is not trusted: it is no prior"
+    advice = "read its report, and use a result that is trusted"
+    prior = former.as_prior
+    require(prior is not None, "former", what, advice)
+    assert prior is not None
+    return prior.inflated(inflate)
 
 
 def settled_estimate(

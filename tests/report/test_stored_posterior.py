@@ -13,14 +13,19 @@ import pytest
 import xarray as xr
 from support.campaign_files import assert_teaches
 
+import bayes_inertia as bi
+from bayes_inertia.app import fit_campaign
 from bayes_inertia.app.cli import main
+from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.errors import CampaignError, OutputError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import summary_from_json, with_prior
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import render
+from bayes_inertia.sealing import sealed
 
 SEAL = b"\nbayes-inertia sha256"
 
@@ -229,6 +234,41 @@ def test_the_next_campaign_begins_with_the_tensor_after_its_change(changed):
     np.testing.assert_allclose(prior.sd[:6], np.hypot(sd[:6], sd[9:]), rtol=1e-9)
     np.testing.assert_allclose(prior.mean[6:], theta[6:9], rtol=1e-12)
     np.testing.assert_allclose(prior.sd[6:], sd[6:9], rtol=1e-9)
+
+
+@pytest.fixture
+def fitted(monkeypatch) -> list[tuple]:
+    """What `fit` is called with, which fits nothing."""
+    calls: list[tuple] = []
+    monkeypatch.setattr(fit_campaign, "fit", lambda *given, **more: calls.append((*given, more)))
+    return calls
+
+
+def test_an_update_of_a_posterior_a_file_or_a_run_is_one_fit(made, fitted, tmp_path):
+    posterior, campaign = made("good"), small_campaign()
+    stored = posterior.save(tmp_path / "posterior.nc")
+    write_json(tmp_path / "summary.json", sealed(posterior.summary()))
+    for former in (posterior, stored, tmp_path, str(tmp_path)):
+        bi.update(former, campaign, inflate=1e-3, seed=3, effects=["rate_bias"])
+    known = posterior.as_prior.inflated(1e-3)
+    assert fitted == [(replace(campaign, prior=known), {"seed": 3, "effects": ["rate_bias"]})] * 4
+    assert known.sd[0] > posterior.as_prior.sd[0]
+
+
+def test_what_cannot_be_updated_is_said(made, fitted, tmp_path):
+    campaign, good = small_campaign(), made("good")
+    known = good.attributes | {"slew_digests": campaign.slew_digests}
+    good.tree.attrs["bayes_inertia"] = json.dumps(known)
+    for former, new, says in (
+        (made("thrown"), campaign, "the result is not trusted: it is no prior; read its report"),
+        (good, campaign, "holds this telemetry already: it would count twice"),
+        (good, "my_campaign", "campaign: a str is no Campaign; give a Campaign: read_campaign"),
+        (3, campaign, "former: 3 is no path"),
+        (tmp_path / "none", campaign, "summary.json|none"),
+    ):
+        with pytest.raises(CampaignError, match=says):
+            bi.update(former, new)
+    assert fitted == []
 
 
 def test_what_former_results_determined_stays_determined(made):

@@ -89,10 +89,10 @@ def _run(
 
 def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
     """The prior of a run; none without a former result."""
-    from bayes_inertia.campaign.prior import prior_in
-
     if former is not None:
-        return {"prior": prior_in(former).inflated(inflate)}
+        from bayes_inertia.app.fit_campaign import known_before
+
+        return {"prior": known_before(former, inflate)}
     what = "there is no former result to inflate"
     advice = "add --prior RUN, or state wider sigmas in campaign.toml"
     require(not inflate, "--inflate", what, advice, error=SettingsError)
