@@ -183,7 +183,8 @@ _PUBLIC = {
     "plot_residuals": "report.plots",
     "plot_telemetry": "report.plots",
     "plot_trace": "report.plots",
-    # Reports.
+    # Reports, and results for other tools.
+    "export": "app.export_run",
     "Picture": "report.section",
     "Section": "report.section",
     "standard_sections": "report.fit_sections",

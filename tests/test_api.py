@@ -45,7 +45,7 @@ PUBLIC = set(
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
     keep_compiled_code
-    Picture Section standard_sections write_report
+    Picture Section export standard_sections write_report
     plot_attitude plot_candidates plot_fleet plot_history plot_observability plot_pairs plot_prior
     plot_ranks plot_rates plot_residuals plot_telemetry plot_trace
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError

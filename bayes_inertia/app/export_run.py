@@ -1,4 +1,4 @@
-"""A run folder as an `ExportedResult`, and its export to a file."""
+"""A fit or a run as an `ExportedResult`, and its export to a file."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import FormatName
 from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.after_campaign import UpdateForecast, correction_with_update
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
-from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
+from bayes_inertia.errors import SettingsError, require, require_kind
+from bayes_inertia.files import path_of, write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.maths.values import require_flags
 from bayes_inertia.physics.parameters import after_changes_of_J, base_count, changes_of_J
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import (
@@ -29,6 +32,7 @@ from bayes_inertia.report.criteria import (
     sd_in_print,
 )
 from bayes_inertia.report.export.formats import (
+    EXPORT_FORMATS,
     ExportedCorrection,
     ExportedParameter,
     ExportedResult,
@@ -43,40 +47,127 @@ _CORRECTION_SAYS = (
 )
 
 
-def exported_result(
-    run: Path, *, with_correction: bool, progress: Progress = silent
-) -> ExportedResult:
-    """Read a finished run.
+def export(
+    result: Posterior | str | Path,
+    path: str | Path,
+    to: FormatName,
+    *,
+    campaign: Campaign | None = None,
+    even_untrusted: bool = False,
+) -> Path:
+    """Write a result for another tool, as the command `export` does.
 
-    `with_correction`: whether to forecast the correction slew, which takes seconds. Returns: with a
-    warning's reasons where the result is not trusted.
+    Parameters
+    ----------
+    result : Posterior, str or Path
+        A fit, or the folder of a finished run.
+    path : str or Path
+        The file; replaced if it exists.
+    to : {"acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"}
+        The format: CCSDS attitude comprehensive message (504.0-B-2), inertia block of an attitude
+        parameter message, all digits, sheet for an upload, script of MATLAB, table of LaTeX,
+        Python lines for Basilisk, lines for NASA 42.
+    campaign : Campaign, optional
+        What was fitted: for the correction slew in "json" and "csv", which is left out without it.
+        A run brings its own.
+    even_untrusted : bool, optional
+        Write a result whose gates failed too; the file then begins with a warning.
+
+    Returns
+    -------
+    Path
+        Where it was written.
+
+    Raises
+    ------
+    SettingsError
+        If the format is unknown.
+    CampaignError
+        If the result is not trusted, or the campaign is not the one that was fitted.
+
+    Examples
+    --------
+    >>> export("run_march", "inertia.apm", "apm")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: run_march: no run here: ...
     """
-    stored = run / "posterior.nc"
-    posterior = finished_posterior(run)
-    campaign = read_campaign(run / "campaign").without_locked_wheels()
+    require_flags(even_untrusted=even_untrusted)
+    known = ", ".join(EXPORT_FORMATS)
+    advice = f"choose one of {known}"
+    require(to in EXPORT_FORMATS, "to", f"no format {to!r}", advice, error=SettingsError)
+    form = EXPORT_FORMATS[to]
+    found = exported_result(result, campaign, with_correction=form.shows_correction)
+    what = f"do not use this result as it stands ({'; '.join(found.reasons)})"
+    advice = "mend that and fit again; even_untrusted=True writes it with a warning"
+    require(found.trusted or even_untrusted, "result", what, advice)
+    return write_atomically(path_of(path, "path"), form.text(found))
+
+
+def exported_result(
+    source: Posterior | str | Path,
+    campaign: Campaign | None = None,
+    *,
+    with_correction: bool,
+    progress: Progress = silent,
+) -> ExportedResult:
+    """A fit or a finished run as all formats see it.
+
+    `campaign`: that was fitted; a run brings its own. `with_correction`: whether to forecast the
+    correction slew, which takes seconds and needs a campaign. Returns: with a warning's reasons
+    where the result is not trusted.
+    """
+    if isinstance(source, Posterior):
+        _require_fitted(source, campaign)
+        return _exported(source, campaign, with_correction, progress)
+    run = path_of(source, "result")
+    stored, posterior = run / "posterior.nc", finished_posterior(run)
+    campaign = campaign or read_campaign(run / "campaign")
     with blaming(stored, intact=is_sealed(stored, NEW_RUN), advice=NEW_RUN):
-        summary = posterior.summary()
-        parameters = _parameters(posterior, summary)
-        if with_correction:
-            progress("forecasting a correction slew", 0, 0)
-        correction = _exported_correction(posterior, campaign) if with_correction else None
-        locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
-        means = jnp.array([p.new for p in parameters[:6]])
-        changes = changes_of_J(summary["parameters"])
-        J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
+        return _exported(posterior, campaign, with_correction, progress)
+
+
+def _require_fitted(posterior: Posterior, campaign: Campaign | None) -> None:
+    """Raise `CampaignError` where what is needed of the campaign is not known, or of another."""
+    require_kind(campaign, Campaign | None, "campaign")
+    known = campaign is not None or "wheel_spin_kgm2" in posterior.attributes
+    what, advice = "a fit of an older version does not state the wheels' spin", "give its campaign"
+    require(known, "campaign", what, advice)
+    own = posterior.attributes.get("slew_digests", {}).get("own")
+    same = campaign is None or own is None or list(own) == campaign.slew_digests["own"]
+    what, advice = "its slews are not those of the fit", "give the campaign that was fitted"
+    require(same, "campaign", what, advice)
+
+
+def _exported(
+    posterior: Posterior, campaign: Campaign | None, with_correction: bool, progress: Progress
+) -> ExportedResult:
+    summary = posterior.summary()
+    parameters = _parameters(posterior, summary)
+    correction = None
+    if with_correction and campaign is not None:
+        progress("forecasting a correction slew", 0, 0)
+        correction = _exported_correction(posterior, campaign.without_locked_wheels())
+    spin = np.array(summary.get("wheel_spin_kgm2") if campaign is None else campaign.wheel_spin)
+    stated = False if campaign is None else campaign.inertia.includes_wheel_spin
+    locked = bool(summary.get("includes_wheel_spin", stated))
+    changes = changes_of_J(summary["parameters"])
+    J = np.array(inertia_tensor.tensor(jnp.array([p.new for p in parameters[:6]])))
+    J -= spin if locked else 0.0
+    begin = summary.get("begin_utc") if campaign is None else campaign.begin_utc
     return ExportedResult(
-        campaign=str(summary["campaign"] or campaign.name),
+        campaign=str(summary["campaign"] or (campaign.name if campaign else "")),
         source=_source(summary),
         trusted=summary["trusted"],
         reasons=tuple(summary["reasons"]),
         parameters=parameters,
         covariance=_quoted_covariance(posterior, parameters),
         includes_wheel_spin=locked,
-        wheels=bool(campaign.wheels),
+        wheels=bool(spin.any()),
         inertia_B=J,
-        inertia_locked_B=J + spin_tensor(campaign.wheels),
+        inertia_locked_B=J + spin,
         correction=correction,
         notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
+        begin_utc=begin or "",
     )
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bayes_inertia.studies.engine import Execution
 
 DriveName = Literal["commanded", "measured"]
+FormatName = Literal["acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"]
 EngineName = Literal["process", "joblib", "dask"]
 
 # Where `demo` works unless told otherwise.

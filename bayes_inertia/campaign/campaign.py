@@ -25,7 +25,7 @@ from bayes_inertia.campaign.hardware import (
 )
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.campaign.slew import Slew, require_quaternions
+from bayes_inertia.campaign.slew import Slew, require_quaternions, utc_of
 from bayes_inertia.errors import kind_of, require_kind
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
@@ -76,8 +76,8 @@ class Campaign:
     dirt : sequence of Dirt, optional
         Faults of the telemetry that the reader treated, in the order of the slews.
     mission : sequence of (str, str), optional
-        What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
-        they are known.
+        What reports are filed under: `name`, `spacecraft`, `operator`, `document`; and `epoch`, UTC
+        when the clock of `Slew.start` was zero ("1970-01-01" of datetimes), as far as known.
     more_sensors : sequence of (str, hardware), optional
         Further sensors beside those above, each a `RateSensor`, `StarTracker` or `DirectionSensor`
         with the name under which `Slew.more` has its readings.
@@ -136,12 +136,12 @@ class Campaign:
             value = getattr(self, key)
             require_kind(value, kind if key == "inertia" else kind | None, f"key {key}")
         if self.prior is not None:
-            free = np.array([wheel.state != "locked" for wheel in self.wheels], dtype=float)
-            spin = (self.wheel_axes_B * (free * self.spin_inertias)) @ self.wheel_axes_B.T
-            prior = self.prior.with_wheel_spin(spin, self.inertia.includes_wheel_spin)
+            included = self.inertia.includes_wheel_spin
+            prior = self.prior.with_wheel_spin(self.wheel_spin, included)
             object.__setattr__(self, "prior", prior)
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
+        _ = self.begin_utc
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         self._check_devices()
@@ -301,6 +301,22 @@ class Campaign:
     def spin_inertias(self) -> np.ndarray:
         """Js (wheels,): spin inertia of each wheel [kg m^2]."""
         return np.array([w.spin_inertia for w in self.wheels])
+
+    @property
+    def wheel_spin(self) -> np.ndarray:
+        """What J_locked has more than J (3, 3): sum of Js g g^T, locked wheels apart [kg m^2]."""
+        free = np.array([wheel.state != "locked" for wheel in self.wheels], dtype=float)
+        return (self.wheel_axes_B * (free * self.spin_inertias)) @ self.wheel_axes_B.T
+
+    @property
+    def begin_utc(self) -> str | None:
+        """When its first slew began, a date in UTC; None where `mission` states no epoch."""
+        epoch = dict(self.mission).get("epoch")
+        if epoch is None:
+            return None
+        require_kind(epoch, str, "mission.epoch", "give UTC as a text: 2026-03-02T12:00:00")
+        seconds = utc_of(epoch, "mission.epoch") + self.span[0]
+        return str(np.datetime64(round(1e3 * seconds), "ms"))
 
     @property
     def span(self) -> tuple[float, float]:

@@ -7,7 +7,6 @@ Field the field. Inertial axes are those of SGP4 (true equator, mean equinox of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -18,10 +17,9 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.slew import Slew, on_campaign_clock
+from bayes_inertia.campaign.slew import Slew, utc_of
 from bayes_inertia.errors import library_of_extra, require
 from bayes_inertia.files import path_of, read_bytes, text_of
-from bayes_inertia.maths.values import moments
 
 _DAY = 86_400.0  # [s]
 _UNIX_DAY = 2_440_587.5  # Julian date of 1970-01-01
@@ -68,7 +66,7 @@ def slews_with_orbit(
     """The same slews with position and magnetic field; `where`: who says the epoch."""
     path = path_of(tle, "tle")
     satellites = _satellites(text_of(read_bytes(path), str(path)), str(path))
-    zero = _unix_time(epoch, where)
+    zero = utc_of(epoch, where)
     flown = []
     for slew in slews:
         utc = zero + slew.start + slew.time - slew.time[0]
@@ -77,16 +75,6 @@ def slews_with_orbit(
         field_N = _magnetic_field_N(position_N, utc)
         flown.append(replace(slew, position_N=position_N, magnetic_field_N=field_N))
     return tuple(flown)
-
-
-def _unix_time(epoch: datetime | str, where: str) -> float:
-    """UTC [s] since 1970."""
-    advice = "give UTC as year-month-dayThour:minute:second"
-    with suppress(ValueError):
-        epoch = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
-    is_date = moments(epoch, where, advice).dtype.kind == "M"
-    require(is_date, where, f"{epoch!r} is no date", advice)
-    return on_campaign_clock(epoch, where)
 
 
 def _satellites(text: str, label: str) -> Sequence[Any]:

@@ -94,12 +94,13 @@ class NamedPart(Part):
 
 
 class MissionPart(Part):
-    """`[mission]`: what reports are filed under; nothing is computed from it."""
+    """`[mission]`: what reports are filed under, and when the campaign's clock was zero (UTC)."""
 
     name: str | None = None
     spacecraft: str | None = None
     operator: str | None = None
     document: str | None = None
+    epoch: str | None = None
 
 
 class InertiaPart(Part):

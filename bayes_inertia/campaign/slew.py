@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
+from datetime import datetime
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia import errors
 from bayes_inertia.campaign.hardware import (
     numbers,
     one_an_axis,
@@ -276,6 +279,20 @@ def on_campaign_clock(moment: Any, key: str) -> float:
     (second,) = _seconds(given.ravel(), key, since=_EPOCH)
     require(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
     return float(second)
+
+
+def utc_of(epoch: datetime | str, where: str) -> float:
+    """A date in UTC as seconds since 1970, or `CampaignError`.
+
+    >>> utc_of("1970-01-02T00:00:00Z", "epoch")
+    86400.0
+    """
+    advice, date = "give UTC as year-month-dayThour:minute:second", epoch
+    with suppress(ValueError):
+        date = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
+    is_date = moments(date, where, advice).dtype.kind == "M"
+    errors.require(is_date, where, f"{epoch!r} is no date", advice)
+    return on_campaign_clock(date, where)
 
 
 def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndarray:

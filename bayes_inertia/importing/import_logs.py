@@ -123,7 +123,7 @@ def import_logs(
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
     slews = [imported_folder.slew_tables(w, written.streams, parsed) for w in cut.windows]
     tables = imported_folder.tables_of(parsed, slews)
-    description = imported_folder.description_text(parsed, slews, noises)
+    description = imported_folder.description_text(parsed, slews, noises, logs)
     zero = imported_folder.zero_of_clock(logs) if logs.absolute else "the zero of the logs"
     content = {} if cut.scan is None else {imported_folder.PICTURE_FILE: cut_picture(cut, zero)}
     content[mapped_lines.RECORD_FILE] = imported_folder.record_text(

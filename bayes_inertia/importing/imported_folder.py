@@ -177,7 +177,7 @@ PICTURE_FILE = "slews.svg"
 
 
 def description_text(
-    mapping: MappingPart, slews: Sequence[SlewTables], noises: Sequence[RestNoise]
+    mapping: MappingPart, slews: Sequence[SlewTables], noises: Sequence[RestNoise], logs: Logs
 ) -> str:
     """The text of `campaign.toml`, with what the rests show in comments."""
     tracker = mapping.star_tracker
@@ -185,6 +185,7 @@ def description_text(
         {
             "format": FORMAT,
             "name": mapping.name,
+            "mission": {"epoch": zero_of_clock(logs)} if logs.absolute else None,
             "inertia": mapping.inertia.model_dump(),
             "wheels": [wheel.model_dump() for wheel in mapping.wheels],
             "rate_sensor": mapping.rate_sensor.model_dump() | {"axes": rate_sensor_axes(mapping)},

@@ -104,6 +104,8 @@ def build_posterior(
     attributes |= _attributes(estimate, chains, context)
     if campaign.mission:
         attributes["mission"] = dict(campaign.mission)
+    if campaign.begin_utc is not None:
+        attributes["begin_utc"] = campaign.begin_utc
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
 
@@ -279,6 +281,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,
+        "wheel_spin_kgm2": model.campaign.wheel_spin.tolist(),
         "free_momenta": model.structure.free_momenta,
         "scale_of_J": ties_of_scale(model.campaign),
         "angle_sensors": [

@@ -21,7 +21,7 @@ from bayes_inertia.report.section import Section, data_uri, packaged
 from bayes_inertia.report.words import templates_in
 from bayes_inertia.sealing import sha256_of
 
-_MISSION_KEYS = ("name", "spacecraft", "operator", "document")
+_MISSION_KEYS = ("name", "spacecraft", "operator", "document", "epoch")
 
 
 def render(

@@ -57,12 +57,12 @@ def test_the_mission_is_read_and_written_and_its_unknown_keys_are_errors(tmp_pat
     folder = make(tmp_path / "in")
     assert read_campaign(folder).mission == ()
     text = (folder / "campaign.toml").read_text()
-    stated = '[mission]\nname = "MOST"\ndocument = "AOCS-12"\n\n[inertia]'
+    stated = '[mission]\nname = "MOST"\nepoch = "2026-03-02"\n\n[inertia]'
     (folder / "campaign.toml").write_text(text.replace("[inertia]", stated, 1))
     campaign = read_campaign(folder)
-    assert campaign.mission == (("name", "MOST"), ("document", "AOCS-12"))
+    assert campaign.mission == (("name", "MOST"), ("epoch", "2026-03-02"))
     assert read_campaign(write_campaign(campaign, tmp_path / "out")).mission == campaign.mission
-    wrong = text.replace("[inertia]", stated.replace("document", "documnt"), 1)
+    wrong = text.replace("[inertia]", stated.replace("epoch", "documnt"), 1)
     (folder / "campaign.toml").write_text(wrong)
     with pytest.raises(CampaignError) as caught:
         read_campaign(folder)

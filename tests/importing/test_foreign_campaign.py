@@ -158,5 +158,11 @@ def test_the_record_names_what_was_read_and_cut(logs, at_rests):
     assert record["format"] == "bayes-inertia-import/1"
     assert set(record["raw_files"]) == {path.name for path in foreign.files}
     assert record["clock"]["zero"] == "2026-03-01T12:00:00Z"
+    campaign = read_campaign(folder)
+    assert campaign.mission == (("epoch", "2026-03-01T12:00:00Z"),)
+    assert campaign.begin_utc == str(
+        np.datetime64("2026-03-01T12:00:00.000")
+        + np.timedelta64(round(1e3 * campaign.span[0]), "ms")
+    )
     assert [slew["name"] for slew in record["cut"]["slews"]] == [f"slew {k}" for k in range(1, 6)]
     assert "slew 3" in (folder / "slews.svg").read_text()

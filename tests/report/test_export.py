@@ -14,23 +14,28 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import bayes_inertia
+import bayes_inertia as bi
 from bayes_inertia.app import export_run, run_folder
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.commands.runs import FormatName
 from bayes_inertia.app.export_run import exported_result, forecast_of
+from bayes_inertia.app.options import FormatName
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection
 from bayes_inertia.report.page import render
 
-EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+EXAMPLE = Path(bi.__file__).parent / "example"
 RUNS = 1000
 # As far as the largest of 27 moments comes by chance in one test of a thousand.
 MOST_ERRORS = 4.2
 # J and K known before flight; the made-up posteriors say K = 1.01, 1.02, 0.98.
 OLD = np.array([3.3, 2.2, 1.8, -0.012, 0.0026, 0.016, 1.0, 1.0, 0.99])
+
+
+def body(text: str) -> list[str]:
+    """Lines of an export, but for when it was made."""
+    return [line for line in text.splitlines() if not re.search("DATE|TZERO = ", line)]
 
 
 def export(*arguments) -> int:
@@ -329,6 +334,68 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(make_case, monk
         assert new[i] == pytest.approx(rows[name]["mean"] + rows[change]["mean"], rel=1e-12)
         assert draws[0, i] == posterior.samples[0, at(name)] + posterior.samples[0, at(change)]
     assert list(old) == posterior.tree["estimate"]["prior_mean"].values[:9].tolist()
+
+
+@pytest.fixture
+def with_attributes(run):
+    """The posterior of the run; what it says of itself is added to."""
+
+    def made(**more) -> Posterior:
+        tree = Posterior.load(run / "posterior.nc").tree
+        attributes = json.loads(tree.attrs["bayes_inertia"]) | more
+        tree.attrs["bayes_inertia"] = json.dumps(attributes)
+        return Posterior(tree)
+
+    return made
+
+
+@pytest.mark.parametrize("to", ["acm", "apm", "42", "matlab"])
+def test_a_fit_is_exported_as_its_run_is(with_attributes, run, tmp_path, to):
+    campaign = read_campaign(EXAMPLE)
+    states_spin = with_attributes(wheel_spin_kgm2=campaign.wheel_spin.tolist())
+    bi.export(run, tmp_path / "run", to)
+    bi.export(with_attributes(), tmp_path / "campaign", to, campaign=campaign)
+    assert bi.export(states_spin, str(tmp_path / "fit"), to) == tmp_path / "fit"
+    told = [body((tmp_path / name).read_text()) for name in ("run", "campaign", "fit")]
+    assert told[0] == told[1] == told[2]
+    assert len(told[0]) > 5
+
+
+def test_what_cannot_be_exported_is_said(with_attributes, run_of, tmp_path):
+    fit, campaign = with_attributes(), read_campaign(EXAMPLE)
+    other = with_attributes(slew_digests={"own": campaign.subset([0]).slew_digests["own"]})
+    for result, to, more, says in (
+        (fit, "xml", {}, "to: no format 'xml'; choose one of json, csv, acm"),
+        (fit, "acm", {}, "campaign: a fit of an older version does not state the wheels' spin"),
+        (fit, "acm", {"campaign": "c"}, "campaign: a str is no Campaign"),
+        (other, "acm", {"campaign": campaign}, "campaign: its slews are not those of the fit"),
+        (tmp_path, "acm", {}, "no run here"),
+        (run_of("thrown"), "acm", {}, "result: do not use this result as it stands"),
+    ):
+        with pytest.raises(bi.BayesInertiaError, match=says):
+            bi.export(result, tmp_path / "out", to, **more)
+    assert not (tmp_path / "out").exists()
+    bi.export(run_of("thrown"), tmp_path / "out", "acm", even_untrusted=True)
+    assert "WARNING: DO NOT USE" in (tmp_path / "out").read_text()
+
+
+def test_a_message_has_the_date_of_the_first_slew(with_attributes, tmp_path):
+    """An epoch of a campaign is when its clock was zero; without any, the message says so."""
+    campaign = read_campaign(EXAMPLE)
+    late = [replace(slew, start=slew.start + 90.25) for slew in campaign.slews]
+    dated = replace(campaign, slews=late, mission={"epoch": "2026-03-02T12:00:00Z"})
+    assert dated.begin_utc == "2026-03-02T12:01:30.250"
+    at = {"wheel_spin_kgm2": campaign.wheel_spin.tolist()}
+    of_fit = bi.export(with_attributes(**at, begin_utc=dated.begin_utc), tmp_path / "fit", "acm")
+    of_both = bi.export(with_attributes(), tmp_path / "both", "acm", campaign=dated)
+    for path in (of_fit, of_both):
+        assert "\nEPOCH_TZERO = 2026-03-02T12:01:30.250\n" in path.read_text()
+        assert "COMMENT EPOCH_TZERO is when the first slew began" in path.read_text()
+    undated = bi.export(with_attributes(**at), tmp_path / "undated", "acm").read_text()
+    assert "COMMENT EPOCH_TZERO is when this message was made, as the campaign" in undated
+    for wrong, says in (("soon", "mission.epoch: 'soon' is no date"), (5, "an int is no str")):
+        with pytest.raises(bi.CampaignError, match=says):
+            replace(campaign, mission={"epoch": wrong})
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.text import Text
 
-from bayes_inertia.app.options import DEMO_FOLDER, FitOptions, names_in
+from bayes_inertia.app.options import DEMO_FOLDER, FitOptions, FormatName, names_in
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -396,9 +396,6 @@ def _say(document: dict[str, Any], sentence: str, path: Path, as_json: bool) -> 
     console = plain_console()
     console.print(sentence)
     console.print(f"wrote {path}", soft_wrap=True)
-
-
-FormatName = Literal["acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"]
 
 
 def export_command(
