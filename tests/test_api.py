@@ -96,6 +96,37 @@ def test_importing_does_not_load_plots_or_arviz():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+PLAN = bi.paper_like_plan()
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda out: bi.write_report("x", out), "posterior: a str is no Posterior; give a Post"),
+        (lambda out: bi.standard_sections("x"), "posterior: a str is no Posterior; give a Post"),
+        (lambda out: bi.fit_many(3, out), "campaigns: 3 is no path; give a text"),
+        (lambda out: bi.fit_many(out.parent, 3), "out: 3 is no path"),
+        (lambda out: bi.write_campaign("x", out), "campaign: a str is no Campaign; give a Camp"),
+        (lambda out: bi.with_orbit("x", out, "2026-01-01"), "campaign: a str is no Campaign"),
+        (lambda out: bi.read_plan(3), "path: 3 is no path"),
+        (lambda out: bi.fly("x", "y", 1), "plan: a str is no Plan; give a Plan: read_plan"),
+        (lambda out: bi.fly(PLAN, "y", 1), "mission: a str is no Mission; give a Mission: Mis"),
+        (lambda out: bi.simulate("x", "y", out, 1), "plan: a str is no Plan; give a Plan"),
+        (lambda out: bi.simulate(PLAN, "y", out, 1), "mission: a str is no Mission"),
+        (lambda out: bi.simulate(PLAN, "y", 3, 1), "out_folder: 3 is no path"),
+        (lambda out: bi.quoted_parameters("x"), "found: a str is no Estimate or Diagnosis; give"),
+        (lambda out: bi.separating_slew("x", "a", "b"), "estimate: a str is no Estimate; give"),
+        (lambda out: bi.keep_compiled_code(3), "folder: 3 is no path"),
+        (lambda out: bi.export(None, out, "acm"), "result: None is no path"),
+        (lambda out: bi.export(out, out, ["acm"]), "to: a list is no str; choose one of json"),
+    ],
+)
+def test_what_a_public_function_cannot_take_is_said(call, says, tmp_path):
+    with pytest.raises(bi.BayesInertiaError, match=says):
+        call(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def classes_in(hint: Any) -> Iterator[type]:
     """All classes that a type hint mentions."""
     if isinstance(hint, list):

@@ -23,7 +23,7 @@ from time import time
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import say
 from bayes_inertia.errors import OutputError
-from bayes_inertia.files import refused_by_system
+from bayes_inertia.files import path_of, refused_by_system
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.version import __version__
 
@@ -67,7 +67,7 @@ def keep_compiled_code(folder: str | Path | None = None) -> Path | None:
         import bayes_inertia as bi
         bi.keep_compiled_code()
     """
-    place = cache_folder() if folder is None else Path(folder)
+    place = cache_folder() if folder is None else path_of(folder, "folder")
     if place is None:
         return None
     _prepare(place)

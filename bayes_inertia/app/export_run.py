@@ -94,6 +94,7 @@ def export(
     require_flags(even_untrusted=even_untrusted)
     known = ", ".join(EXPORT_FORMATS)
     advice = f"choose one of {known}"
+    require_kind(to, str, "to", advice, error=SettingsError)
     require(to in EXPORT_FORMATS, "to", f"no format {to!r}", advice, error=SettingsError)
     form = EXPORT_FORMATS[to]
     found = exported_result(result, campaign, with_correction=form.shows_correction)

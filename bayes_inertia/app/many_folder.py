@@ -23,7 +23,7 @@ from bayes_inertia.errors import (
     library_of_extra,
     require,
 )
-from bayes_inertia.files import write_atomically
+from bayes_inertia.files import path_of, write_atomically
 from bayes_inertia.inference.settings import (
     FitContext,
     Settings,
@@ -168,7 +168,7 @@ def fit_many(
         result = fit_many("fleet", "fleet_fits", jobs=2)
         [(row["campaign"], row["trusted"]) for row in result.rows]
     """
-    folder, out = Path(campaigns).resolve(), Path(out)
+    folder, out = path_of(campaigns, "campaigns").resolve(), path_of(out, "out")
     # Before hours of fits.
     library_of_extra("pyarrow", "parquet", where=str(out / "fits.parquet"), error=OutputError)
     names = pinned_names(effects)

@@ -18,7 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew, utc_of
-from bayes_inertia.errors import library_of_extra, require
+from bayes_inertia.errors import library_of_extra, require, require_kind
 from bayes_inertia.files import path_of, read_bytes, text_of
 
 _DAY = 86_400.0  # [s]
@@ -57,6 +57,7 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no.tle: cannot be read ...
     """
+    require_kind(campaign, Campaign, "campaign", "give a Campaign: read_campaign reads one")
     return replace(campaign, slews=slews_with_orbit(campaign.slews, tle, epoch))
 
 

@@ -22,7 +22,7 @@ from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
 from bayes_inertia.campaign.sensors import FIRST, SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError, OutputError, require_kind
 from bayes_inertia.files import write_new_files
 from bayes_inertia.tables.table import Table
 
@@ -66,6 +66,7 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     ...     sorted(path.name for path in folder.iterdir())[:2]
     ['campaign.toml', 'slew_01.csv']
     """
+    require_kind(campaign, Campaign, "campaign", "give a Campaign: read_campaign reads one")
     known = {} if campaign.prior is None else {COPY_FILE: json.dumps(campaign.prior.json())}
     files = {name: text.encode() for name, text in known.items()}
     description, tables = content_of(campaign)

@@ -32,7 +32,7 @@ from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
-from bayes_inertia.errors import CampaignError, EffectError, require
+from bayes_inertia.errors import CampaignError, EffectError, require, require_kind
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.planned_motion import planned_slews
@@ -107,6 +107,7 @@ def separating_slew(
         a, b = effects_named(["wheel_command_lag", "wheel_torque_gain"])
         separation = separating_slew(estimate, a, b)
     """
+    require_kind(estimate, Estimate, "estimate", "give what `estimate` returned")
     a, b = effects_named((a, b))
     campaign = estimate.model.campaign
     mission = Mission.of(campaign)

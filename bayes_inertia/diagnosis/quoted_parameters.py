@@ -45,7 +45,7 @@ from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, mix
 from bayes_inertia.diagnosis.random_signals import SOURCES
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.diagnosis.table_search import Table, given_row
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require_kind
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.linearised_fit import LinearisedFit, Rows
@@ -430,6 +430,8 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
         quoted = quoted_parameters(diagnose(campaign))
         dict(zip(quoted.names, quoted.sd))
     """
+    advice = "give what `estimate` or `diagnose` returned"
+    require_kind(found, Estimate | Diagnosis, "found", advice)
     if isinstance(found, Estimate):
         fit, others, factor = found, undetected_alternatives(found), found.dispersion_factor
     elif found.verdict in OPEN_VERDICTS:

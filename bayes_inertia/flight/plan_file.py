@@ -170,8 +170,9 @@ def read_plan(path: str | Path) -> Plan:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read ...
     """
+    path = path_of(path, "path")
     label = str(path)
-    stated = parse_toml(text_of(read_bytes(Path(path)), label), label, _PlanForm)
+    stated = parse_toml(text_of(read_bytes(path), label), label, _PlanForm)
     try:
         return Plan(
             slews=tuple(PlannedSlew(**_fields(slew, _SLEW)) for slew in stated.slews),

@@ -16,6 +16,7 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
+from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.closed_loop_flights import closed_loop_inputs, rate_bias
 from bayes_inertia.flight.mission import Mission
@@ -138,6 +139,8 @@ def fly(
     >>> fly(plan, most_like_mission(), seed=None).final_error_B.round(4)[0, 0].item()
     0.005
     """
+    require_kind(plan, Plan, "plan", "give a Plan: read_plan reads one, paper_like_plan() is one")
+    require_kind(mission, Mission, "mission", "give a Mission: Mission.of(campaign) is one")
     rng = None if seed is None else np.random.default_rng(whole_number(seed, "seed"))
     if not mission.spacecraft.flies_by_gyro:
         return _follow(plan, mission, rng, name)

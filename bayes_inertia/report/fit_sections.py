@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.errors import SettingsError, require_kind
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.physics.parameters import changes_of_J
@@ -82,6 +83,7 @@ def standard_sections(
         determined, gates, limits, settings. What the fit does not have (no star tracker) is left
         out.
     """
+    require_posterior(posterior)
     sections = (
         *result_sections(posterior, diagnosis, forecast),
         parameters_section(posterior),
@@ -96,6 +98,12 @@ def standard_sections(
         settings_section(posterior),
     )
     return [section for section in sections if section is not None]
+
+
+def require_posterior(given: Any) -> None:
+    """Raise `SettingsError` for what is no posterior."""
+    advice = "give a Posterior: fit returns one, Posterior.load reads one"
+    require_kind(given, Posterior, "posterior", advice, error=SettingsError)
 
 
 def dirt_section(posterior: Posterior) -> Section | None:

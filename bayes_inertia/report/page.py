@@ -14,9 +14,10 @@ from typing import Any
 from jinja2 import Environment
 from markupsafe import Markup
 
+from bayes_inertia.errors import SettingsError, members
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.fit_sections import require_posterior, standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
 from bayes_inertia.report.words import templates_in
 from bayes_inertia.sealing import sha256_of
@@ -33,7 +34,8 @@ def render(
 
     The same posterior always gives the same bytes.
     """
-    chosen = standard_sections(posterior) if sections is None else tuple(sections)
+    usual = standard_sections(posterior) if sections is None else sections
+    chosen = members(usual, Section, "sections", error=SettingsError)
     attributes = posterior.attributes
     facts = page_facts(
         attributes.get("mission", {}),
@@ -132,6 +134,7 @@ def write_report(
 
         write_report(Posterior.load("my_run/posterior.nc"), "my_run/report.html")
     """
+    require_posterior(posterior)
     return write_atomically(path, render(posterior, sections))
 
 

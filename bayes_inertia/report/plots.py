@@ -12,7 +12,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, members, require_kind
+from bayes_inertia.maths.values import require_flags, whole_number
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
@@ -49,8 +50,11 @@ def _on_axes[**P](plot: Callable[P, Axes]) -> Callable[P, Axes]:
         if wanted not in [kind.__name__ for kind in type(shown).__mro__]:
             what = f"a {type(shown).__name__} was given"
             raise SettingsError(what, where=first, advice=f"give a {wanted}")
+        ax = kwargs.get("ax")
+        advice = "give one Axes: of plt.subplots(1, 2) one by its number, ax=axes[0]"
+        require_kind(ax, Axes | None, "ax", advice, error=SettingsError)
         with rc_context(style.RC):
-            if kwargs.get("ax") is None:
+            if ax is None:
                 from matplotlib import pyplot
 
                 kwargs["ax"] = pyplot.subplots(layout="constrained")[1]
@@ -72,6 +76,7 @@ def _index(names: Sequence[str], wanted: int | str, what: str) -> int:
 
 def _series(posterior: Posterior, channel: str) -> posterior_data.ChannelSeries:
     """A channel that the fit predicts at every row."""
+    require_kind(channel, str, "channel", "give the name of a sensor", error=SettingsError)
     series = posterior_data.channel_series(posterior, channel)
     if series is None:
         names = map(str, posterior.tree["posterior_predictive"].data_vars)
@@ -102,6 +107,8 @@ def plot_telemetry(slew: Slew, channel: str = "rate", *, ax: Axes | None = None)
     matplotlib.axes.Axes
         With one line a component.
     """
+    advice = "give a field of Slew, or a name under Slew.more"
+    require_kind(channel, str, "channel", advice, error=SettingsError)
     words = {s.field: (s.title, s.unit) for s in STREAMS} | _INPUTS
     values = (slew.more or {}).get(channel)
     values = getattr(slew, channel, None) if values is None else values
@@ -173,7 +180,9 @@ def plot_pairs(
         One cell a pair: density and 90 % ellipse below the diagonal, correlation above. Beside each
         row stands where its cells end, 3.4 sd on both sides of the mean.
     """
-    wanted = [names] if isinstance(names, str) else names
+    max_parameters = whole_number(max_parameters, "max_parameters", 1)
+    given = [names] if isinstance(names, str) else names
+    wanted = members(given, object, "names", error=SettingsError)
     shown = [_index(posterior.names, name, "names") for name in wanted]
     assert ax is not None
     pairs_panel(ax, posterior, shown or most_correlated(posterior, max_parameters))
@@ -259,6 +268,7 @@ def plot_attitude(posterior: Posterior, *, after: bool = True, ax: Axes | None =
     matplotlib.axes.Axes
         Small marks are fixes about body x, y and z, large ones their mean in each slew.
     """
+    require_flags(after=after)
     misfit = posterior_data.attitude_misfit(posterior)
     if misfit is None:
         raise SettingsError("the fit has no attitude", where="posterior", advice="draw the rates")

@@ -159,11 +159,25 @@ def test_numbers_from_0_may_stand_for_names_also_those_of_numpy(posteriors):
         ("plot_pairs", {"names": ["Jxx", "Jzx"]}, "there is no 'Jzx'"),
         ("plot_rates", {"slew": "slew 9"}, "there is no 'slew 9'"),
         ("plot_residuals", {"channel": "gyro_2"}, "the fit predicts no gyro_2"),
+        ("plot_residuals", {"channel": ["rate"]}, "channel: a list is no str; give the name of"),
+        ("plot_pairs", {"names": 3}, "names: an int is no list"),
+        ("plot_pairs", {"max_parameters": 0}, "max_parameters: is 0; give a whole number, 1 or"),
+        ("plot_attitude", {"after": "x"}, "after: a str is no bool"),
+        ("plot_rates", {"ax": Figure().subplots(1, 2)}, "ax: an ndarray is no Axes; give one Axes"),
+        ("plot_rates", {"ax": Figure()}, r"of plt.subplots\(1, 2\) one by its number, ax=axes.0."),
     ],
 )
 def test_what_is_not_there_is_said(posteriors, name, settings, says):
     with pytest.raises(bi.SettingsError, match=says):
-        getattr(bi, name)(posteriors["good"], **settings, ax=Figure().subplots())
+        getattr(bi, name)(posteriors["good"], **{"ax": Figure().subplots()} | settings)
+    with pytest.raises(bi.SettingsError, match="channel: a list is no str; give a field of Slew"):
+        bi.plot_telemetry(small_campaign().slews[0], ["rate"])
+
+
+def test_what_is_no_section_of_a_report_is_said(posteriors, tmp_path):
+    for sections, says in (("abc", "sections: a str is no list"), ([1], "an int is no Section")):
+        with pytest.raises(bi.SettingsError, match=says):
+            bi.write_report(posteriors["good"], tmp_path / "report.html", sections)
 
 
 @pytest.mark.parametrize("name", [name for name in dir(bi) if name.startswith("plot_")])
