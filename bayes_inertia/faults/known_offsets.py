@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -22,24 +22,26 @@ KNOWN_OFFSETS: Mapping[float, str] = {
 
 def known_offset(
     readings: Sequence[tuple[np.ndarray, Sequence[tuple[float, float]]]],
+    offsets: Iterable[tuple[float, str]] | None = None,
 ) -> tuple[float, str, int] | None:
     """The known offset [s] that puts readings beside slews which they all miss, why, and how many.
 
-    `readings`: for each clock the times of the readings, and the spans of its slews [s].
+    `readings`: for each clock the times of the readings, and the spans of its slews [s]; `offsets`:
+    to try, None for `likely_offsets` of both signs.
 
     >>> known_offset([(np.array([3605.0, 3690.0]), [(0.0, 99.0)])])
     (-3600.0, '1 h, as of a time zone', 2)
     """
     best, most = None, LIMITS.meant_offset_share * sum(len(times) for times, _ in readings)
-    for size, why in likely_offsets():
+    likely = ((sign * size, why) for size, why in likely_offsets() for sign in (-1.0, 1.0))
+    for seconds, why in likely if offsets is None else offsets:
         # Several scales may do, of which the best is meant; zones come after them.
-        if best is not None and size not in KNOWN_OFFSETS:
+        if best is not None and abs(seconds) not in (*KNOWN_OFFSETS, abs(best[0])):
             break
-        for seconds in (-size, size):
-            moved = [(times + seconds, spans) for times, spans in readings]
-            inside = sum(int(((t >= a) & (t <= b)).sum()) for t, spans in moved for a, b in spans)
-            if inside > most:
-                best, most = (seconds, why, inside), inside
+        moved = [(times + seconds, spans) for times, spans in readings]
+        inside = sum(int(((t >= a) & (t <= b)).sum()) for t, spans in moved for a, b in spans)
+        if inside > most:
+            best, most = (seconds, why, inside), inside
     return best
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -31,7 +31,9 @@ from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.tables.stamp_parts import SECOND
 from bayes_inertia.tables.table import Table
+from bayes_inertia.tables.time_stamps import COUNTED_CLOCKS, moved_s
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def import_logs(
     _refuse_other_unit_of_time(logs, label)
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
-        _refuse_outside(stream, cut, parsed, label)
+        _refuse_outside(stream, cut, parsed, label, logs)
     logs = replace(logs, streams=_saying_beside(logs, cut))
     say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
@@ -201,8 +203,24 @@ def _names(stream: LoggedStream) -> str:
     return ", ".join(PurePath(file).name for file in stream.files)
 
 
-def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
-    """Refuse a stream of which no reading lies in a slew, and name the offset that explains it."""
+def _other_clocks(
+    stream: LoggedStream, mapping: MappingPart, logs: Logs
+) -> Iterator[tuple[float, str]]:
+    """By how much a stream moves against the rates [s] if one of both counts by another clock."""
+    for holds, sign in ((stream.holds, 1.0), ("rate", -1.0)):
+        kind = streams_that_hold(mapping, holds)[0].time.kind
+        unit = kind.rpartition("_")[2]
+        first = logs.epoch_ns + round(float(logs.streams[holds].time[0]) * SECOND)
+        for other in COUNTED_CLOCKS if kind in COUNTED_CLOCKS else ():
+            if other != kind and other.endswith(f"_{unit}"):
+                why = f'streams.{holds}.time.kind = "{other}", not "{kind}"'
+                yield sign * moved_s(first, kind, other), why
+
+
+def _refuse_outside(
+    stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str, logs: Logs
+) -> None:
+    """Refuse a stream of which no reading lies in a slew, and name what explains it."""
     spans = [(window.start, window.end) for window in cut.windows]
     away = [
         np.maximum(np.maximum(start - stream.time, stream.time - end), 0.0) for start, end in spans
@@ -211,10 +229,15 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
     in_force = stream.holds == "wheel_torque" and count == 1 and stream.time[0] < spans[-1][1]
     if nearest == 0.0 or in_force:
         return
-    known = known_offset([(stream.time, spans)])
+    known, clock = known_offset([(stream.time, spans)]), None
+    if known is None:
+        clock = known_offset([(stream.time, spans)], _other_clocks(stream, mapping, logs))
     stated = streams_that_hold(mapping, stream.holds)[0].offset_s
     size = nearest if known is None else abs(known[0])
-    if known is None:
+    if clock is not None:
+        _, why, inside = clock
+        advice = f"{why} may be meant: it puts {inside} in a slew; or leave the stream out"
+    elif known is None:
         first = spans[0][0] - float(stream.time[0])
         advice = (
             f"its first reading and the first slew are {abs(first):.6g} s apart: state the offset "

@@ -286,6 +286,20 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
     return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
 
 
+def moved_s(stamp_ns: int, kind: str, other: str) -> float:
+    """By how much a stamp moves [s] if its count is of another of `COUNTED_CLOCKS`.
+
+    `stamp_ns`: as it was read by `kind`, of TAI since 1958.
+
+    >>> moved_s(2_151_144_037 * SECOND, "gps_s", "unix_s")  # ten years, 17 leap seconds
+    -315964783.0
+    """
+    (unit, start, leaps), (size, zero, has_leaps) = _NUMBERS[kind], _NUMBERS[other]
+    count = ((tai_to_utc(stamp_ns) if leaps else stamp_ns) - start) // unit
+    moved = count * size + zero
+    return ((int(utc_to_tai(np.array(moved))) if has_leaps else moved) - stamp_ns) / SECOND
+
+
 def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     advice = f"write one of {', '.join(TIME_KINDS)}"
     require(kind in TIME_KINDS, table.label, f"{kind!r} is no kind of time stamp", advice)

@@ -167,6 +167,31 @@ def test_a_stream_outside_every_slew_is_reported_with_the_offset_that_explains_i
     assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
 
 
+@pytest.mark.parametrize("stated", ["unix_s", "tai_s", "unix_ms"])
+@pytest.mark.parametrize("wrong", ["attitude", "rate"])
+def test_a_count_of_gps_time_that_is_stated_as_another_is_named(tmp_path, columns, wrong, stated):
+    """Of a stream, or of the rates themselves: ten years, or twenty-two, away."""
+    size = 1e3 if stated.endswith("ms") else 1.0
+    gps = size * (columns["t_ms"] / 1e3 + 1456401618.0)
+    utc = columns["t_ms"] + 1772366400e3
+    tracker, rest = (gps, utc) if wrong == "attitude" else (utc, gps)
+    kinds = (stated, "unix_ms") if wrong == "attitude" else ("unix_ms", stated)
+    files = [
+        write_csv(tmp_path / "st.csv", {**columns, "t_ms": tracker}),
+        write_csv(tmp_path / "log_a.csv", {**columns, "t_ms": rest}),
+    ]
+    clock = 'time = {{ names = ["t_ms"], {} }}\n'.format
+    changes = (
+        ('"attitude"\nfiles = ["log*.csv"]', '"attitude"\nfiles = ["st.csv"]'),
+        (clock(CAMPAIGN) + "form", clock(f'kind = "{kinds[0]}"') + "form"),
+        (clock(CAMPAIGN), clock(f'kind = "{kinds[1]}"')),
+    )
+    error = refusal(tmp_path, {}, *changes, files=files)
+    meant = stated.replace("unix", "gps").replace("tai", "gps")
+    said = f'streams.{wrong}.time.kind = "{meant}", not "{stated}" may be meant: it puts 220 in'
+    assert_teaches(error, ["outside every slew", said])
+
+
 def spin_with_one_reading(
     folder: Path, holds: str, seconds: float
 ) -> tuple[list[Path], tuple[str, str]]:
