@@ -340,6 +340,7 @@ def machine() -> Iterator[tuple[str, str]]:
     yield "engine.fit", f"{engine['fits']['fit']:.0f}"
     yield "engine.first", f"{engine['fits']['first']:.0f}"
     yield "engine.memory", f"{engine['fits']['memory'] / 1e9:.1f}"
+    yield "engine.first_diagnosis", f"{engine['diagnoses']['first']:.0f}"
     yield "engine.diagnosis", f"{engine['diagnoses']['diagnosis']:.0f}"
     yield "engine.kills", f"{len(engine['kills']['kills'])}"
     yield "engine.killed_fits", f"{engine['kills']['fits']}"
