@@ -57,7 +57,7 @@ class FleetSettings:
 
 def _card(fleet: Fleet) -> Card:
     """The fleet's J and K, and how alike its spacecraft are."""
-    first = f"Fleet of {len(fleet.names)} spacecraft: {listed(fleet.names)}"
+    first = f"Fleet of {len(fleet.names)} spacecraft"
     if fleet.disagree:
         first += f"; do not use it: campaigns of {listed(fleet.disagree)} disagree"
     n = fleet.mean.size

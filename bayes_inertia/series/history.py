@@ -132,14 +132,12 @@ class SeenJump:
 
 def _card(history: History) -> Card:
     """The most probable jump, and J and K now."""
-    names, between = history.campaigns, "no jump was tried"
-    if history.jumps:
-        jump = history.jumps[0]
-        pair = " and ".join(names[jump.after : jump.after + 2])
-        between = f"a jump of {jump.part} between {pair} has {100.0 * jump.probability:.1f} %"
+    first = f"History of {len(history.campaigns)} campaigns"
+    for jump in history.jumps[:1]:
+        first += f": a jump of {jump.part} after number {jump.after + 1} has the probability "
+        first += f"{100.0 * jump.probability:.1f} %"
     mean, sd = history.mean, history.sd
     now = zip(history.names, base_units(len(history.names)), mean[-1], sd[-1], strict=True)
-    first = f"History of {len(names)} campaigns: {between}"
     return parameter_card(first, "now ± sd", now, change=(mean[-1] - mean[0]).tolist())
 
 

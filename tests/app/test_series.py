@@ -68,7 +68,8 @@ def test_python_asks_as_the_command_does(runs, tmp_path, capsys):
     assert history.left_out == ("refused",)
     assert history.jumps[0].probability == told["jumps"][0]["probability"]
     text = repr(history).splitlines()
-    assert text[0].startswith("History of 4 campaigns: a jump of J between b and c has 100.0 %")
+    jump = "a jump of J after number 2 has the probability 100.0 %"
+    assert text[0] == f"History of 4 campaigns: {jump}"
     assert text[1].startswith("Jxx ")
     assert "<td>Jzz</td>" in history._repr_html_()
     table = history.to_dataframe()
@@ -148,7 +149,7 @@ def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
     assert of_many.left_out == ("craft_9/campaign_0",)
     assert replace(of_many, left_out=()) == fleet != bi.fleet(runs, seed=1)
     table = fleet.to_dataframe()
-    assert repr(fleet).startswith("Fleet of 3 spacecraft: craft_0, craft_1 and craft_2")
+    assert repr(fleet).startswith("Fleet of 3 spacecraft\nJxx 3.")
     assert (table["K1_sd"] < table["K1_alone_sd"]).all()
     for craft, x in zip(content["spacecraft"], truth, strict=True):
         assert table.loc[craft["name"], "Jxx"] == craft["parameters"]["Jxx"]["mean"]

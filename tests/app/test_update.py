@@ -22,7 +22,8 @@ J_AND_K = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """Two campaign folders, made of the example's slews."""
-    root, example = tmp_path_factory.mktemp("campaigns"), bi.read_campaign(EXAMPLE)
+    root, epoch = tmp_path_factory.mktemp("campaigns"), {"epoch": "2026-03-02T12:00:00"}
+    example = replace(bi.read_campaign(EXAMPLE), mission=epoch)
     parts = {"a": example.subset(range(3)), "b": example.subset(range(3, 5))}
     return {name: bi.write_campaign(part, root / name) for name, part in parts.items()}
 
@@ -102,3 +103,6 @@ def test_an_update_is_the_joint_fit_and_quotes_no_less_than_its_parts(folders, t
     own = np.linalg.inv(alone.covariance) - np.diag(alone.model.space.sd**-2.0)
     assert np.all(np.diag(told) < 1.5 * np.diag(own))
     assert "as_prior" in both
+    # What an export needs of the campaign, which begins 1290 s after the epoch.
+    assert both["begin_utc"] == "2026-03-02T12:21:30.000"
+    np.testing.assert_array_equal(both["wheel_spin_kgm2"], 1e-3 * np.eye(3))
