@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from html import escape
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -178,6 +180,15 @@ def test_missing_cells_of_a_data_frame_are_readings_that_are_not_there():
         bi.InputStream(np.arange(3.0), rates["x"])
     with pytest.raises(bi.CampaignError, match="a time is not a number"):
         bi.Slew("a", 0.0, pd.Series([0, None, 2], dtype="Int64"), rate=rates)
+
+
+@pytest.mark.parametrize("library", ["pandas", "astropy.time"])
+def test_a_library_that_another_thread_is_importing_is_no_trouble(library, monkeypatch):
+    """`fit` imports in a thread; a module stands in `sys.modules` before it has its names."""
+    monkeypatch.setitem(sys.modules, library, ModuleType(library))
+    rate = np.array([[0.1, None, 0.3], [1, 2, 3]], dtype=object)
+    slew = bi.Slew("a", datetime(1970, 1, 2), np.arange(2.0), rate=rate)
+    np.testing.assert_array_equal(slew.rate[0], [0.1, np.nan, 0.3])
 
 
 def test_a_missing_time_is_refused():

@@ -252,8 +252,8 @@ def plain_array(
 def _of_astropy(value: Any, where: str, error: type[BayesInertiaError]) -> Any:
     """Dates of astropy, also one by one, as numpy's in UTC, and their differences as seconds."""
     # Whoever holds one has imported astropy, which the package does not need.
-    library = sys.modules.get("astropy.time")
-    if library is None:
+    library: Any = sys.modules.get("astropy.time")
+    if not hasattr(library, "TimeDelta"):  # Absent, or just being imported in another thread.
         return value
     if isinstance(value, list | tuple):
         return [_of_astropy(member, where, error) for member in value]
@@ -268,8 +268,8 @@ def _of_astropy(value: Any, where: str, error: type[BayesInertiaError]) -> Any:
 
 def _without_missing(array: np.ndarray) -> np.ndarray:
     """The array with NaN for the `NA` of pandas."""
-    pandas = sys.modules.get("pandas")
-    if array.dtype.kind != "O" or pandas is None:
+    pandas: Any = sys.modules.get("pandas")
+    if array.dtype.kind != "O" or not hasattr(pandas, "NA"):
         return array
     missing = np.array([x is pandas.NA for x in array.ravel()], bool).reshape(array.shape)
     return np.where(missing, np.nan, array)
