@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.sensors import RATE, STREAMS
+from bayes_inertia.campaign.sensors import MOMENTUM, RATE, STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.quantisation import quantisation_step
@@ -27,8 +27,8 @@ from bayes_inertia.faults.saturated import in_range
 def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     """The campaign with rates and wheel momentum averaged over blocks.
 
-    Star-tracker fixes and changes of the commands keep their rows. All slews have one block length,
-    because the sensor has one noise.
+    Star-tracker fixes, changes of the commands and columns that are read too seldom for blocks
+    keep their rows. All slews have one block length, because the sensor has one noise.
 
     `campaign`: telemetry whose noise is white, at equal steps but for gaps. `block`: readings a
     block; by default as many as the bandwidth of the motion allows. Returns: the means at the mean
@@ -43,15 +43,16 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     length = _whole(campaign, longest_block(campaign)) if block is None else block
     if length < 2:
         return given
-    noise, sensor = 1.0 / np.sqrt(length), campaign.gyro
-    read = zip(campaign.wheels, _tachometer_readings(campaign, length), strict=True)
+    noise, sensor, kept = 1.0 / np.sqrt(length), campaign.gyro, _kept_as_read(campaign, length)
+    averaged = 1 if MOMENTUM.field in kept else length
+    read = zip(campaign.wheels, _tachometer_readings(campaign, averaged), strict=True)
     wheels = tuple(
         w if s is None else replace(w, momentum_sigma=float(s * (1.0 / np.sqrt(readings))))
         for w, readings in read
         for s in [w.momentum_sigma]
     )
     sensor = replace(sensor, sigma=tuple(float(s * noise) for s in sensor.sigma))
-    slews = tuple(_reduced_slew(slew, length) for slew in campaign.slews)
+    slews = tuple(_reduced_slew(slew, length, kept) for slew in campaign.slews)
     return replace(campaign, slews=slews, rate_sensor=sensor, wheels=wheels)
 
 
@@ -61,8 +62,8 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
     What searches among many hypotheses then costs as the motion does, not as the sampling.
 
     Returns: the very object where slews have few rows or torque commands (whose changes a late
-    reading shows within a block), its noise is stated to be correlated, or its rates are rounded
-    coarsely.
+    reading shows within a block), its noise is stated to be correlated, its rates are rounded
+    coarsely, or tell what wheels did between readings of slower tachometers.
     """
     return reduced(campaign, readings_a_mean(campaign))
 
@@ -87,7 +88,8 @@ def readings_a_mean(campaign: Campaign) -> int:
     if any(step > LIMITS.coarse_rounding * s for step, s in pairs):
         return 1
     campaign = _without_saturated(campaign)
-    return _whole(campaign, min(longest_block(campaign), rows // LIMITS.fewest_blocks))
+    length = _whole(campaign, min(longest_block(campaign), rows // LIMITS.fewest_blocks))
+    return 1 if MOMENTUM.field in _kept_as_read(campaign, length) else length
 
 
 def _without_saturated(campaign: Campaign) -> Campaign:
@@ -146,11 +148,34 @@ def _blocks(slew: Slew, length: int) -> np.ndarray:
     return np.concatenate(enough) if enough else np.zeros((0, length), dtype=int)
 
 
-def _reduced_slew(slew: Slew, length: int) -> Slew:
+def _read_with_rates(slew: Slew) -> dict[str, np.ndarray]:
+    """Columns (n, k) of a slew that may be read as often as the rates, by field."""
+    fields = [*(s.field for s in STREAMS if s.is_series), "magnetic_field_N", "position_N"]
+    values = {field: getattr(slew, field) for field in fields}
+    return {field: x for field, x in values.items() if x is not None}
+
+
+def _kept_as_read(campaign: Campaign, length: int) -> frozenset[str]:
+    """The fields whose readings are too rare for blocks of this length: most hold none."""
+    kept = set()
+    for slew in campaign.slews:
+        blocks = _blocks(slew, length)
+        for field, values in _read_with_rates(slew).items():
+            read = np.isfinite(values).any(axis=0)
+            bridged = _bridged(slew.time, values[:, read], length)[blocks]
+            filled = np.isfinite(bridged).all(axis=(1, 2)).mean() if len(blocks) else 1.0
+            if field != RATE.field and read.any() and filled < LIMITS.least_kept_by_blocks:
+                kept.add(field)
+    return frozenset(kept)
+
+
+def _reduced_slew(slew: Slew, length: int, kept: frozenset[str]) -> Slew:
     blocks = _blocks(slew, length)
     middle = slew.time[blocks].mean(axis=1)
     others = slew.fixes.copy()
     others[[0, -1]] = True
+    for field in kept.intersection(given := _read_with_rates(slew)):
+        others |= np.isfinite(given[field]).any(axis=1)
     if slew.wheel_torque is not None:
         others[1:] |= np.any(np.diff(slew.wheel_torque, axis=0) != 0.0, axis=1)
     # A row of its own at a block's middle would be given twice.
@@ -158,15 +183,14 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     time = np.concatenate([middle, slew.time[others]])
     order = np.argsort(time, kind="stable")
     channels: dict[str, Any] = {}
-    series = [stream.field for stream in STREAMS if stream.is_series]
-    for name in (*series, "magnetic_field_N", "position_N"):
-        values = getattr(slew, name)
-        if values is not None:
-            if name == "wheel_momentum":
-                values = _bridged(slew.time, values, length)
-            means = _middles(slew.time, values, blocks)
-            gaps = np.full((int(others.sum()), values.shape[1]), np.nan)
-            channels[name] = np.concatenate([means, gaps])[order]
+    for name, values in given.items():
+        if name != RATE.field:
+            values = _bridged(slew.time, values, length)
+        means = _middles(slew.time, values, blocks)
+        gaps = np.full((int(others.sum()), values.shape[1]), np.nan)
+        if name in kept:
+            means, gaps = np.full_like(means, np.nan), given[name][others]
+        channels[name] = np.concatenate([means, gaps])[order]
     last = np.searchsorted(slew.time, time[order], side="right") - 1
     if slew.wheel_torque is not None:
         channels["wheel_torque"] = slew.wheel_torque[last]

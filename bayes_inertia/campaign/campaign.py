@@ -287,10 +287,14 @@ class Campaign:
 
     @property
     def has_tachometers(self) -> bool:
-        """Whether every wheel has a tachometer of known noise, as the `measured` drive needs."""
+        """Whether every wheel has a tachometer of known noise, as the `measured` drive needs.
+
+        Wheels that are locked need none.
+        """
+        kept = [k for k, wheel in enumerate(self.wheels) if wheel.state != "locked"]
         given = [s.wheel_momentum for s in self.slews]
-        read = all(x is not None and bool(np.isfinite(x).any(axis=0).all()) for x in given)
-        return read and all(w.momentum_sigma is not None for w in self.wheels)
+        read = all(x is not None and bool(np.isfinite(x[:, kept]).any(0).all()) for x in given)
+        return read and all(self.wheels[k].momentum_sigma is not None for k in kept)
 
     @property
     def wheel_axes_B(self) -> np.ndarray:

@@ -154,5 +154,6 @@ def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     row, late = divmod(int(np.argmax(values[:-1] - step[:, None])), values.shape[1])
     longest = float(values[row, late])
     most = step[row] * (1.0 + 1e-6) + LIMITS.same_time * max(1.0, abs(float(time[-1])))
+    advice = 'give one a command period, in the unit that is stated: unit = "ms" of milliseconds'
     what = f"the on-time {longest:.6g} s at {time[row]:.6g} s lasts beyond the next reading"
-    require(longest <= most, key, what, "give on-times in seconds, one a command period")
+    require(longest <= most, key, what, advice)

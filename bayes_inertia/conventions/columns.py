@@ -62,7 +62,7 @@ def _streams(campaign: Campaign, stated: Stated) -> list[_Stream]:
         (TORQUE, "the command of", wheels, sigma),
     ):
         names = [f"{called} {a} ({stated.column(field, k, a)})" for k, a in enumerate(of)]
-        streams.append(_Stream(readings_of(campaign, field), names, noise))
+        streams.append(_Stream(readings_of(campaign, field), names, noise, field != TORQUE))
     return streams
 
 
@@ -73,6 +73,7 @@ class _Stream:
     slews: list[np.ndarray]
     names: list[str]
     sigma: Sequence[float | None]
+    has_noise: bool = True  # Commands have none
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -89,18 +90,25 @@ class _Stream:
     def noise(self, k: int) -> float:
         """Noise of a column, median of the slews; NaN where steps or smoothness hide it."""
         stated = self.sigma[k]
-        with np.errstate(invalid="ignore"):
-            seen = np.array([smooth_noise(values[:, k]) for values in self.slews])
-        noise = float(np.median(seen[np.isfinite(seen)])) if np.isfinite(seen).any() else 0.0
+        noise = self.seen_noise(k)
         hidden = stated is None or noise < LIMITS.noisy * stated
         hidden = hidden or noise < resolution(self.column(k))
         return float("nan") if hidden else noise
 
+    def seen_noise(self, k: int) -> float:
+        """What readings of a column differ from those beside them, median of the slews."""
+        with np.errstate(invalid="ignore"):
+            seen = np.array([smooth_noise(values[:, k]) for values in self.slews])
+        return float(np.median(seen[np.isfinite(seen)])) if np.isfinite(seen).any() else 0.0
+
     def moves(self, k: int) -> bool:
-        """Whether a column moves like the one that moves most."""
-        spread = [np.ptp(self.column(i)) if len(self.column(i)) else 0.0
-                  for i in range(len(self.names))]  # fmt: skip
-        return bool(spread[k] > LIMITS.physical_share * max(spread) > 0.0)
+        """Whether a column moves like the one that moves most, and more than noise alone."""
+        columns = [self.column(i) for i in range(len(self.names))]
+        spread = [np.ptp(column) if len(column) else 0.0 for column in columns]
+        if not spread[k] > LIMITS.physical_share * max(spread) > 0.0:
+            return False
+        noise = self.seen_noise(k) if self.has_noise else 0.0
+        return bool(np.std(columns[k]) > LIMITS.moves_beyond_noise * noise)
 
 
 def _dead_rates(campaign: Campaign, rates: _Stream) -> Iterator[str]:

@@ -165,6 +165,9 @@ class Limits:
     lateness_prior_s: float = 1e3
 
     # `columns.py`
+    # A tachometer moves where its readings spread by so many times what each differs from those
+    # beside it: of noise alone once.
+    moves_beyond_noise: float = 2.0
     # More wheels than this leave momentum free that the body does not feel.
     wheels_felt: int = 3
     column_rarity: int = 5

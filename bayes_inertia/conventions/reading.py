@@ -332,7 +332,7 @@ class Stated:
         entries = []
         for entry in self.entries:
             kept = [k for k, wheel in enumerate(entry.wheels) if wheel in wheels]
-            if len(kept) < len(entry.wheels):
+            if entry.wheels:
                 names = [entry.columns.names[k] for k in kept]
                 columns = entry.columns.model_copy(update={"names": names})
                 paths = tuple(entry.paths[k] for k in kept)

@@ -129,7 +129,8 @@ def _without_telemetry(misfits: Misfits, laws: set[str], keys: Stated) -> list[s
         what = "neither wheel momentum often enough nor commands"
         said.append(f"{what}: nothing checks the rates against torques")
     if DRIVE not in laws and misfits.campaign.wheels:
-        said.append("torque commands and tachometers are not both there: neither checks the other")
+        both = "torque commands and tachometers are not both there for every wheel"
+        said.append(f"{both}: neither checks the other")
     if misfits.smoothed:
         unread = "rates that no sensor reads check no clock"
         if fixes_in_motion(misfits):

@@ -3,7 +3,8 @@
 In the measured drive the tachometers are the input. Where seconds lie between their readings, a
 straight line is wrong by what the wheels did meanwhile. Then the momentum is a cubic spline through
 the readings and some free knots between them; what it is there is estimated along, slew by slew,
-with a prior as wide as lines across the double distance are wrong.
+with a prior as wide as lines across the double distance are wrong. In long slews knots are free
+where these lines are most wrong: a spline through readings alone follows what bends slowly.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class FreeMomentum(NamedTuple):
         `grid` (n,): times from the slew's first row [s].
         """
         at, momentum = _readings(slew)
-        knots, free = _knots(at, slew.duration, self.inner)
+        knots, free = _knots(at, momentum, slew.duration, self.inner)
         cardinal = CubicSpline(knots, np.eye(len(knots)))(grid)
         on_lines = np.stack([np.interp(knots, at, column) for column in momentum.T], axis=-1)
         shapes = np.zeros((len(grid), self.columns))
@@ -78,16 +79,19 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     allowed = LIMITS.momentum_line_of_rate_noise * inertia * finest
     if rates_between < NUMERICS.slow_tachometer or not (sag > allowed).any():
         return None
-    longest = max(slew.duration for slew in campaign.slews)
-    most = min(rates_between // 2 - 1, int(NUMERICS.most_free_knots * between / longest))
+    most = rates_between // 2 - 1
     if most < 1:
         return None
+    longest = max(slew.duration for slew in campaign.slews)
+    most = min(most, max(1, int(NUMERICS.most_free_knots * between / longest)))
     counts = sorted({min(count, most) for count in NUMERICS.free_knots})
     follow = (c for c in counts if _misfit_of_rates(seen, c) < NUMERICS.rates_followed)
     inner = next(follow, counts[-1])
-    knots = (_knots(_readings(s)[0], s.duration, inner)[1] for s in campaign.slews)
+    free = [_knots(*_readings(slew), slew.duration, inner)[1] for slew in campaign.slews]
+    beside = [_bent(at, h, inner) for at, h in readings]
+    errors = errors[np.concatenate([bent[1:] | bent[:-1] for bent in beside])]
     sd = np.maximum(np.sqrt(np.mean(errors**2, axis=0)), noise)
-    return FreeMomentum(inner, max(int(free.sum()) for free in knots), sd)
+    return FreeMomentum(inner, max(int(each.sum()) for each in free), sd)
 
 
 def _readings(slew: Slew) -> tuple[np.ndarray, np.ndarray]:
@@ -97,10 +101,23 @@ def _readings(slew: Slew) -> tuple[np.ndarray, np.ndarray]:
     return slew.time[rows] - slew.time[0], momentum[rows]
 
 
-def _knots(at: np.ndarray, duration: float, inner: int) -> tuple[np.ndarray, np.ndarray]:
+def _bent(at: np.ndarray, momentum: np.ndarray, inner: int) -> np.ndarray:
+    """Between which readings (m - 1,) knots are free: all, or as many as are worth their cost."""
+    most = NUMERICS.most_free_knots // inner
+    errors = np.linalg.norm(_errors_of_lines(at, momentum), axis=1)
+    beside = np.maximum(np.append(errors, 0.0), np.append(0.0, errors))
+    bent = np.zeros(len(beside), dtype=bool)
+    bent[np.argsort(-beside, kind="stable")[:most]] = True
+    return bent
+
+
+def _knots(
+    at: np.ndarray, momentum: np.ndarray, duration: float, inner: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Knots (k,) of the spline, and which of them are free (k,) because nothing was read there."""
     shares = np.arange(inner + 1) / (inner + 1.0)
-    inside = (at[:-1, None] + np.diff(at)[:, None] * shares).ravel()
+    inside = at[:-1, None] + np.diff(at)[:, None] * shares
+    inside = inside[_bent(at, momentum, inner)[:, None] | (shares == 0.0)]
     spacing = float(np.median(np.diff(at))) / (inner + 1)
     ends = [(0.0, at[0]), (at[-1], duration)]
     counts = [int(np.ceil((b - a) / spacing - 1e-9)) for a, b in ends]
@@ -119,8 +136,7 @@ def _misfit_of_rates(campaign: Campaign, inner: int) -> float:
     """Mean square of what splines with such knots leave of the rates, over their noise's."""
     ratios = []
     for slew in campaign.slews:
-        at, _ = _readings(slew)
-        knots, _ = _knots(at, slew.duration, inner)
+        knots, _ = _knots(*_readings(slew), slew.duration, inner)
         rows, rates = slew.complete_rates(campaign.valid_readings(slew))
         if len(rows) <= len(knots):
             continue

@@ -89,7 +89,7 @@ def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> No
 def _check_present(names: Sequence[str], available: Sequence[str], place: str) -> None:
     for name in names:
         if name not in available:
-            raise no_column(name, available, place, " (named in [columns])")
+            raise no_column(name, available, place, " (named in campaign.toml)")
 
 
 def _group(held: FileArrays, names: Sequence[str], group: str, label: str) -> str:

@@ -124,6 +124,13 @@ def test_a_locked_wheel_is_a_part_of_the_body():
         bare.slews[1].wheel_momentum, campaign.slews[1].wheel_momentum[:, :2]
     )
     assert Model(locked).campaign == bare
+    # It needs no tachometer.
+    unread = tuple(
+        replace(s, wheel_momentum=np.asarray(s.wheel_momentum) * [1.0, 1.0, np.nan])
+        for s in campaign.slews
+    )
+    assert replace(locked, slews=unread).has_tachometers
+    assert not replace(campaign, slews=unread).has_tachometers
     assert Model(campaign).campaign is campaign
     none = replace(campaign, wheels=tuple(replace(w, state="locked") for w in campaign.wheels))
     assert none.without_locked_wheels().slews[0].wheel_momentum is None

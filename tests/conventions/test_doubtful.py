@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.campaign_files import edited
 from support.commands import run
 from support.marks import LIKE_ANOTHER
 
 import bayes_inertia
 from bayes_inertia.app.commands.check import show_check
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
@@ -127,6 +130,47 @@ def test_what_cannot_be_shown_is_said_in_a_few_lines():
 def test_a_dead_rate_sensor_is_impossible_and_no_change_is_proposed():
     check = check_conventions(with_rates(np.zeros((3, 3))))
     assert (check.verdict, check.changes) == ("wrong", ())
+
+
+def test_a_locked_wheel_that_is_not_the_last_leaves_the_others_their_columns(tmp_path):
+    campaign = read_campaign(EXAMPLE)
+    off = Wheel("off", (0.0, 0.6, 0.8), 1e-3, state="locked")
+    none = {"wheel_torque": 0.0, "wheel_momentum": np.nan}
+    slews = tuple(
+        replace(s, **{k: np.insert(getattr(s, k), 0, x, axis=1) for k, x in none.items()})
+        for s in campaign.slews
+    )
+    locked = replace(campaign, wheels=(off, *campaign.wheels), slews=slews)
+    folder = write_campaign(locked, tmp_path / "locked")
+    assert check_conventions(folder).verdict == "consistent"
+    wrong = edited(
+        (folder / "campaign.toml").read_text(), ('"wx_radps", "wy_radps"', '"wy_radps", "wx_radps"')
+    )
+    (folder / "campaign.toml").write_text(wrong)
+    assert check_conventions(folder).verdict == "wrong"
+
+
+def test_a_still_wheel_whose_tachometer_shows_noise_alone_is_not_accused():
+    campaign = read_campaign(EXAMPLE)
+    rng, sd = np.random.default_rng(6), 3e-3
+    slews = []
+    for slew in campaign.slews:
+        torque, momentum = np.array(slew.wheel_torque), np.array(slew.wheel_momentum)
+        torque[:, 2], momentum[:, 2] = 0.0, 0.02
+        momentum += sd * rng.normal(size=momentum.shape)
+        slews.append(replace(slew, wheel_torque=torque, wheel_momentum=momentum))
+    wheels = tuple(replace(wheel, momentum_sigma=sd) for wheel in campaign.wheels)
+    noisy = replace(campaign, slews=tuple(slews), wheels=wheels)
+    assert max(np.ptp(s.wheel_momentum[:, 2]) for s in slews) > 0.1 * max(
+        np.ptp(s.wheel_momentum[:, 0]) for s in slews
+    )
+    assert faulty_columns(noisy, Stated((), {})) == ()
+    moving = tuple(
+        replace(new, wheel_momentum=np.c_[new.wheel_momentum[:, :2], old.wheel_momentum[:, 2]])
+        for new, old in zip(slews, campaign.slews, strict=True)
+    )
+    (said,) = faulty_columns(replace(noisy, slews=moving), Stated((), {}))
+    assert "stuck, or the wrong column" in said
 
 
 def with_channel(channel: str, change, **others: None):

@@ -14,6 +14,7 @@ from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 from bayes_inertia.physics.slow_tachometers import free_momentum
@@ -69,6 +70,35 @@ def test_momentum_is_free_between_slow_readings_only(slow):
     np.testing.assert_allclose(shapes[read], 0.0, atol=1e-12)
     assert free.columns == 8 * free.inner
     assert np.abs(shapes).max() >= 1.0 - 1e-9
+
+
+def test_knots_of_long_slews_are_free_where_the_wheels_speed_up():
+    """160 intervals between readings; the wheel speeds up and slows down in 20 of them."""
+    time = np.arange(0.0, 160.05, 0.1)
+    moving = (time > 40.0) & (time < 60.0)
+    h = np.sin(np.pi * (time - 40.0) / 20.0) ** 2 * (0.02 + 1e-3 * np.sin(3.0 * time)) * moving
+    read = (np.arange(len(time)) % 10 == 0)[:, None]
+    noise = 1e-6 * np.random.default_rng(3).normal(size=(len(time), 1))
+    wheel = small_campaign().wheels[0]
+    slew = Slew(
+        "long",
+        0.0,
+        time,
+        rate=2e-5 * np.random.default_rng(4).normal(size=(len(time), 3)) - h[:, None] / 2.0,
+        wheel_momentum=np.where(read, h[:, None] + noise, np.nan),
+    )
+    wheels = (replace(wheel, momentum_sigma=1e-6),)
+    free = free_momentum(replace(small_campaign(), slews=(slew,), wheels=wheels))
+    assert free is not None
+    assert free.columns == NUMERICS.most_free_knots // free.inner * free.inner
+    lines, shapes = free.on_grid(slew, time)
+    bent = moving & (np.abs(time - 50.0) < 9.0)
+    assert (np.abs(shapes).max(axis=1)[bent & ~read[:, 0]] > 0.05).all()
+    # Coefficients of the knots bring the spline to the momentum; without them it is far off.
+    found = np.linalg.lstsq(shapes, h - lines[:, 0], rcond=None)[0]
+    assert np.abs(h - lines[:, 0])[bent].max() > 50.0 * 1e-6
+    assert np.std((h - lines[:, 0] - shapes @ found)[bent]) < 0.3 * np.std((h - lines[:, 0])[bent])
+    assert np.abs(h - lines[:, 0])[time < 35.0].max() < 6e-6
 
 
 @pytest.mark.slow
