@@ -62,7 +62,8 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
     """How far each reading lies beyond its neighbours on both sides.
 
     `series` (n,). Returns (n,): the lesser of the distances from the medians of the readings before
-    and after; 0 where they have opposite signs. At the ends the one side there is counts.
+    and after; 0 where they have opposite signs. At the ends the one side there is goes on as a
+    level, a slope or a curve, whichever is nearest: a missing effect turns the body there, too.
 
     Examples
     --------
@@ -74,8 +75,27 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
     """
     before = series - _median_before(series)
     after = series - _median_before(series[::-1])[::-1]
-    before, after = (np.where(np.isfinite(a), a, b) for a, b in ((before, after), (after, before)))
-    return lesser_distance(before, after)
+    distance = lesser_distance(before, after)
+    for i in np.flatnonzero(np.isnan(before)):
+        distance[i] = _distance_at_end(series[i:])
+    for i in np.flatnonzero(np.isnan(after)):
+        distance[i] = _distance_at_end(series[i::-1])
+    return distance
+
+
+def _distance_at_end(series: np.ndarray) -> float:
+    """How far the first reading lies beyond those that follow it, as these go on towards it."""
+    size = LIMITS.neighbours
+    windows = min(max((len(series) - 1) // size, 1), 3)
+    starts = 1 + size * np.arange(windows)
+    middles = starts + 0.5 * (size - 1)
+    medians = np.array([np.median(series[k : k + size]) for k in starts])
+    distance = series[0] - medians[0]
+    for order in range(1, len(medians)):
+        known = slice(order + 1)
+        there = np.polynomial.polynomial.polyfit(middles[known], medians[known], order)[0]
+        distance = lesser_distance(distance, series[0] - there)
+    return float(distance)
 
 
 def lesser_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:

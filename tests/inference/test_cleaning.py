@@ -213,6 +213,21 @@ def test_no_shape_of_a_missing_effect_is_an_outlier(misfit):
     assert set(np.flatnonzero(outlying_readings([series])[0].any(axis=1))) == {60, 300}
 
 
+@pytest.mark.parametrize("end", [0, 1, 2, -3, -2, -1])
+def test_the_turn_of_a_missing_torque_is_no_outlier_at_the_ends_and_a_spike_is(end):
+    """The star tracker of a gyroless spacecraft sees hundreds of sigmas of smooth misfit."""
+    rng, x = np.random.default_rng(12), np.linspace(-1.0, 1.0, 160)
+    turned = np.stack([400.0 * x**2 - 50.0 * x, -300.0 * x**2 + 200.0 * x, 100.0 * x**3], -1)
+    fixes = turned + rng.normal(size=turned.shape)
+    every = [np.arange(len(x))]
+    assert not outlying_fixes([fixes], [every])[0].any()
+    assert not outlying_readings([fixes])[0].any()
+    fixes -= 0.9 * turned
+    fixes[end, 1] += 30.0
+    assert np.flatnonzero(outlying_fixes([fixes], [every])[0]).tolist() == [end % len(x)]
+    assert np.argwhere(outlying_readings([fixes])[0]).tolist() == [[end % len(x), 1]]
+
+
 def test_a_step_of_rounded_readings_is_no_outlier_and_three_are():
     # Noise of a sixth of the step: a reading leaps by a whole step now and then.
     truth = 0.9 + 0.3 * np.sin(0.7 * np.arange(400.0))[:, None]
