@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate, move_to, with_noise
 from bayes_inertia.physics.effects import ConstantTorque, StarTrackerShift, by_name
 from bayes_inertia.physics.forward_model import Model
@@ -28,7 +30,7 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
     wheels = (replace(w, state=s) for w, s in zip(campaign.wheels, states, strict=True))
     one_wheel = replace(campaign, wheels=tuple(wheels))
     theta = np.array([*campaign.inertia.elements, 1.0, 1.0, 1.0])
-    one = SimpleNamespace(model=SimpleNamespace(campaign=one_wheel), theta=theta)
+    one = Mock(spec=Estimate, model=SimpleNamespace(campaign=one_wheel), theta=theta)
     with pytest.raises(CampaignError, match="about 1 of three axes"):
         separating_slew(one, ConstantTorque(), StarTrackerShift())
 
