@@ -61,6 +61,13 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
     >>> averaged_over({"averaged_over": [
     ...     {"effects": [], "probability": 0.9}, {"effects": ["c"], "probability": 0.1}]})
     'nothing more 90 %, c 10 %'
+
+    Rows that are others already are told with those for which there is no room, once:
+
+    >>> share = {"a": 0.5, "others": 0.2, "b": 0.1, "c": 0.1, "d": 0.06, "e": 0.04}
+    >>> averaged_over({"averaged_over": [
+    ...     {"effects": [name], "probability": p} for name, p in share.items()]})
+    'a 50 %, b 10 %, c 10 %, d 6 %, others 24 %'
     """
     rows = summary.get("averaged_over", [])
     in_all = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
@@ -68,13 +75,16 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
         (listed([plain(name) for name in row["effects"] if name not in in_all]), row["probability"])
         for row in rows
     ]
-    by_size = [cases[0], *sorted(cases[1:], key=lambda case: -case[1])] if cases else []
-    if len(by_size) > LAYOUT.most_cases_listed:
-        rest = sum(probability for _, probability in by_size[LAYOUT.most_cases_listed - 1 :])
-        by_size = [*by_size[: LAYOUT.most_cases_listed - 1], ("others", rest)]
+    others = [case for case in cases if case[0] == "others"]
+    by_size = [case for case in cases if case not in others]
+    by_size[1:] = sorted(by_size[1:], key=lambda case: -case[1])
+    if len(by_size) + len(others) > LAYOUT.most_cases_listed:
+        kept = LAYOUT.most_cases_listed - 1
+        rest = sum(probability for _, probability in (*by_size[kept:], *others))
+        by_size, others = by_size[:kept], [("others", rest)]
     return ", ".join(
         f"{effects or 'nothing more'} {100.0 * probability:.0f} %"
-        for effects, probability in by_size
+        for effects, probability in (*by_size, *others)
     )
 
 
