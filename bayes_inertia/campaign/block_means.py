@@ -162,9 +162,10 @@ def _kept_as_read(campaign: Campaign, length: int) -> frozenset[str]:
         blocks = _blocks(slew, length)
         for field, values in _read_with_rates(slew).items():
             read = np.isfinite(values).any(axis=0)
+            if field == RATE.field or not len(blocks) or not read.any():
+                continue
             bridged = _bridged(slew.time, values[:, read], length)[blocks]
-            filled = np.isfinite(bridged).all(axis=(1, 2)).mean() if len(blocks) else 1.0
-            if field != RATE.field and read.any() and filled < LIMITS.least_kept_by_blocks:
+            if np.isfinite(bridged).all(axis=(1, 2)).mean() < LIMITS.least_kept_by_blocks:
                 kept.add(field)
     return frozenset(kept)
 
@@ -174,8 +175,12 @@ def _reduced_slew(slew: Slew, length: int, kept: frozenset[str]) -> Slew:
     middle = slew.time[blocks].mean(axis=1)
     others = slew.fixes.copy()
     others[[0, -1]] = True
-    for field in kept.intersection(given := _read_with_rates(slew)):
-        others |= np.isfinite(given[field]).any(axis=1)
+    given = _read_with_rates(slew)
+    fixes = ((s.field, s.of(slew)) for s in STREAMS if not s.is_series)
+    as_read = {field: x for field, x in fixes if x is not None}
+    as_read |= {field: given.pop(field) for field in kept.intersection(given)}
+    for field in kept.intersection(as_read):
+        others |= np.isfinite(as_read[field]).any(axis=1)
     if slew.wheel_torque is not None:
         others[1:] |= np.any(np.diff(slew.wheel_torque, axis=0) != 0.0, axis=1)
     # A row of its own at a block's middle would be given twice.
@@ -188,15 +193,13 @@ def _reduced_slew(slew: Slew, length: int, kept: frozenset[str]) -> Slew:
             values = _bridged(slew.time, values, length)
         means = _middles(slew.time, values, blocks)
         gaps = np.full((int(others.sum()), values.shape[1]), np.nan)
-        if name in kept:
-            means, gaps = np.full_like(means, np.nan), given[name][others]
         channels[name] = np.concatenate([means, gaps])[order]
     last = np.searchsorted(slew.time, time[order], side="right") - 1
     if slew.wheel_torque is not None:
         channels["wheel_torque"] = slew.wheel_torque[last]
-    for stream in (s for s in STREAMS if not s.is_series and s.of(slew) is not None):
-        exact = slew.time[last] == time[order]
-        channels[stream.field] = np.where(exact[:, None], stream.values(slew)[last], np.nan)
+    exact = slew.time[last] == time[order]
+    for name, values in as_read.items():
+        channels[name] = np.where(exact[:, None], values[last], np.nan)
     return replace(slew, time=time[order], **channels)
 
 

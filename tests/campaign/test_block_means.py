@@ -69,16 +69,19 @@ def test_tachometers_that_are_read_more_slowly_keep_their_momentum_and_its_noise
     assert means.wheels[0].momentum_sigma == pytest.approx(1e-5 / np.sqrt(2.0))
 
 
-@pytest.mark.parametrize("own_rows", [False, True])
-def test_columns_that_are_read_too_seldom_for_blocks_keep_their_rows(own_rows):
+@pytest.mark.parametrize(
+    ("own_rows", "block", "first"), [(False, 8, 0), (True, 8, 0), (False, 5, 2)]
+)
+def test_columns_that_are_read_too_seldom_for_blocks_keep_their_rows(own_rows, block, first):
+    """Also where they are the middle row of a block."""
     campaign = thrown(TIME)
-    slew, every = campaign.slews[0], np.arange(len(TIME)) % 100 == 0
+    slew, every = campaign.slews[0], np.arange(len(TIME)) % 100 == first
     momentum = np.where(every[:, None], slew.wheel_momentum + TIME[:, None], np.nan)
     field = np.where(every[:, None], 3e-5, np.full((len(TIME), 3), np.nan))
     rate = np.where(every[:, None] & own_rows, np.nan, slew.rate)
     slew = replace(slew, rate=rate, wheel_momentum=momentum, magnetic_field_N=field)
     campaign = replace(campaign, slews=(slew,))
-    means = reduced(campaign, block=8)
+    means = reduced(campaign, block=block)
     read = np.isfinite(means.slews[0].wheel_momentum[:, 0])
     np.testing.assert_array_equal(means.slews[0].time[read], TIME[every])
     np.testing.assert_array_equal(means.slews[0].wheel_momentum[read], momentum[every])
