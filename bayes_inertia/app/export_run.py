@@ -92,8 +92,7 @@ def export(
     bayes_inertia.errors.CampaignError: run_march: no run here: ...
     """
     require_flags(even_untrusted=even_untrusted)
-    known = ", ".join(EXPORT_FORMATS)
-    advice = f"choose one of {known}"
+    advice = f"choose one of {', '.join(EXPORT_FORMATS)}"
     require_kind(to, str, "to", advice, error=SettingsError)
     require(to in EXPORT_FORMATS, "to", f"no format {to!r}", advice, error=SettingsError)
     form = EXPORT_FORMATS[to]
@@ -101,7 +100,7 @@ def export(
     what = f"do not use this result as it stands ({'; '.join(found.reasons)})"
     advice = "mend that and fit again; even_untrusted=True writes it with a warning"
     require(found.trusted or even_untrusted, "result", what, advice)
-    return write_atomically(path_of(path, "path"), form.text(found))
+    return write_atomically(path, form.text(found))
 
 
 def exported_result(
@@ -117,19 +116,22 @@ def exported_result(
     correction slew, which takes seconds and needs a campaign. Returns: with a warning's reasons
     where the result is not trusted.
     """
+    require_kind(campaign, Campaign | None, "campaign")
     if isinstance(source, Posterior):
         _require_fitted(source, campaign)
         return _exported(source, campaign, with_correction, progress)
     run = path_of(source, "result")
     stored, posterior = run / "posterior.nc", finished_posterior(run)
-    campaign = campaign or read_campaign(run / "campaign")
+    if campaign is None:
+        campaign = read_campaign(run / "campaign")
+    else:
+        _require_fitted(posterior, campaign)
     with blaming(stored, intact=is_sealed(stored, NEW_RUN), advice=NEW_RUN):
         return _exported(posterior, campaign, with_correction, progress)
 
 
 def _require_fitted(posterior: Posterior, campaign: Campaign | None) -> None:
     """Raise `CampaignError` where what is needed of the campaign is not known, or of another."""
-    require_kind(campaign, Campaign | None, "campaign")
     known = campaign is not None or "wheel_spin_kgm2" in posterior.attributes
     what, advice = "a fit of an older version does not state the wheels' spin", "give its campaign"
     require(known, "campaign", what, advice)
@@ -149,12 +151,12 @@ def _exported(
         progress("forecasting a correction slew", 0, 0)
         correction = _exported_correction(posterior, campaign.without_locked_wheels())
     spin = np.array(summary.get("wheel_spin_kgm2") if campaign is None else campaign.wheel_spin)
-    stated = False if campaign is None else campaign.inertia.includes_wheel_spin
+    # Fits that do not say it are exported with their campaign.
+    stated = campaign is not None and campaign.inertia.includes_wheel_spin
     locked = bool(summary.get("includes_wheel_spin", stated))
     changes = changes_of_J(summary["parameters"])
     J = np.array(inertia_tensor.tensor(jnp.array([p.new for p in parameters[:6]])))
     J -= spin if locked else 0.0
-    begin = summary.get("begin_utc") if campaign is None else campaign.begin_utc
     return ExportedResult(
         campaign=str(summary["campaign"] or (campaign.name if campaign else "")),
         source=_source(summary),
@@ -168,7 +170,7 @@ def _exported(
         inertia_locked_B=J + spin,
         correction=correction,
         notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
-        begin_utc=begin or "",
+        begin_utc=summary.get("begin_utc") if campaign is None else campaign.begin_utc,
     )
 
 

@@ -364,11 +364,15 @@ def test_a_fit_is_exported_as_its_run_is(with_attributes, run, tmp_path, to):
 def test_what_cannot_be_exported_is_said(with_attributes, run_of, tmp_path):
     fit, campaign = with_attributes(), read_campaign(EXAMPLE)
     other = with_attributes(slew_digests={"own": campaign.subset([0]).slew_digests["own"]})
+    elsewhere = run_of("good")
+    other.save(elsewhere / "posterior.nc")
     for result, to, more, says in (
         (fit, "xml", {}, "to: no format 'xml'; choose one of json, csv, acm"),
         (fit, "acm", {}, "campaign: a fit of an older version does not state the wheels' spin"),
         (fit, "acm", {"campaign": "c"}, "campaign: a str is no Campaign"),
         (other, "acm", {"campaign": campaign}, "campaign: its slews are not those of the fit"),
+        (elsewhere, "acm", {"campaign": campaign}, "campaign: its slews are not those of the fit"),
+        (elsewhere, "acm", {"campaign": "c"}, "campaign: a str is no Campaign"),
         (tmp_path, "acm", {}, "no run here"),
         (run_of("thrown"), "acm", {}, "result: do not use this result as it stands"),
     ):

@@ -197,7 +197,7 @@ class ExportedResult:
     # None where it cannot be forecast, or the format does not show it.
     correction: ExportedCorrection | None = None
     notes: tuple[str, ...] = ()  # what must be known before the numbers are used
-    begin_utc: str = ""  # when the first slew began, a date in UTC; empty where it is not known
+    begin_utc: str | None = None  # when the first slew began, a date in UTC; None if not known
 
     @property
     def scale_factors(self) -> tuple[ExportedParameter, ...]:
