@@ -238,9 +238,13 @@ class Campaign:
 
     @property
     def slew_digests(self) -> dict[str, list[str]]:
-        """Digests of its slews ("own"), and of those that its prior was learnt from ("former")."""
+        """Digests of its slews ("own"), and of those that its prior was learnt from ("former").
+
+        Locked wheels leave no trace in them, as in a model.
+        """
         former = [] if self.prior is None else list(self.prior.learnt_from)
-        return {"own": [slew.digest for slew in self.slews], "former": former}
+        own = [slew.digest for slew in self.without_locked_wheels().slews]
+        return {"own": own, "former": former}
 
     @property
     def sensors(self) -> dict[str, Any]:

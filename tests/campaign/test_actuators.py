@@ -124,6 +124,8 @@ def test_a_locked_wheel_is_a_part_of_the_body():
         bare.slews[1].wheel_momentum, campaign.slews[1].wheel_momentum[:, :2]
     )
     assert Model(locked).campaign == bare
+    # A fit knows its slews again.
+    assert locked.slew_digests == bare.slew_digests
     # It needs no tachometer.
     unread = tuple(
         replace(s, wheel_momentum=np.asarray(s.wheel_momentum) * [1.0, 1.0, np.nan])
