@@ -16,6 +16,7 @@ from bayes_inertia.app import run_folder
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.app.told_torques import refuse_impossible
+from bayes_inertia.campaign.prior import SUMMARY_FILE
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.errors import (
     BayesInertiaError,
@@ -46,7 +47,7 @@ from bayes_inertia.report.series_sections import (
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_told, told_by_craft
 from bayes_inertia.series.history import OF_PART, History, history_told
-from bayes_inertia.series.sources import FITS_FILE, SUMMARY_FILE, Told, told_by
+from bayes_inertia.series.sources import FITS_FILE, Told, told_by
 from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
@@ -170,7 +171,7 @@ def fit_many(
     """
     folder, out = path_of(campaigns, "campaigns").resolve(), path_of(out, "out")
     # Before hours of fits.
-    library_of_extra("pyarrow", "parquet", where=str(out / "fits.parquet"), error=OutputError)
+    library_of_extra("pyarrow", "parquet", where=str(out / FITS_FILE), error=OutputError)
     names = pinned_names(effects)
     settings = require_settings(settings, usual_settings(effects_named(names)))
     settings = replace(settings, seed=seed, threads=1)
@@ -183,7 +184,7 @@ def fit_many(
     execution = Execution(engine, jobs, scheduler, as_callback(progress), notice)
     result = execution.run(work, out)
     if result.rows:
-        _write_table(result, out / "fits.parquet")
+        _write_table(result, out / FITS_FILE)
     write_json(out / "fit_many.json", fits_json(result))
     return result
 
@@ -293,7 +294,7 @@ def run_fleet(fits: Path, folder: Path, *, seed: int = 0, progress: Progress = s
     progress("sampling the spread of the fleet", 0, 0)
     fleet = fleet_told(crafts, FleetSettings(seed=seed))
     owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", chain.from_iterable(crafts.values()))
-    title = f"Fleet of {len(fleet.names)} spacecraft"
+    title = f"Fleet of {len(fleet.spacecraft)} spacecraft"
     owner.write(fleet_json(fleet), title, fleet_sections(fleet), fits)
     return fleet
 
@@ -344,7 +345,7 @@ def history_json(history: History) -> dict[str, Any]:
 
 def fleet_json(fleet: Fleet) -> dict[str, Any]:
     """What `fleet --json` prints."""
-    names = base_names(fleet.mean.size)
+    names = fleet.names
     low, high = fleet.spread_low, fleet.spread_high
     content = {
         "answer": fleet_answer(fleet),
@@ -352,7 +353,7 @@ def fleet_json(fleet: Fleet) -> dict[str, Any]:
         "spread": by_name(names, q50=fleet.spread, q05=low, q95=high),
         "spacecraft": [
             {"name": name, "parameters": _values(fleet.craft_mean[k], fleet.craft_sd[k])}
-            for k, name in enumerate(fleet.names)
+            for k, name in enumerate(fleet.spacecraft)
         ],
         "left_out": fleet.left_out,
         "disagree": fleet.disagree,

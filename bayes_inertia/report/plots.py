@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.errors import SettingsError, members, require_kind
 from bayes_inertia.maths.values import require_flags, whole_number
-from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.diagnosis import candidates_panel
@@ -433,6 +432,6 @@ def plot_fleet(fleet: Fleet, name: str | int = 0, *, ax: Axes | None = None) -> 
         mean and spread.
     """
     assert ax is not None
-    order = fleet_panel(ax, fleet, _index(base_names(fleet.mean.size), name, "name"))
-    ax.set_xticks(range(len(order)), [fleet.names[k] for k in order], rotation=30, ha="right")
+    order = fleet_panel(ax, fleet, _index(fleet.names, name, "name"))
+    ax.set_xticks(range(len(order)), [fleet.spacecraft[k] for k in order], rotation=30, ha="right")
     return ax

@@ -70,8 +70,8 @@ def fleet_answer(fleet: Fleet) -> str:
     """One sentence: how alike the spacecraft are, and what sisters are worth."""
     gain = np.median(fleet.alone_sd / fleet.craft_sd, axis=0)
     best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
-    sharpest = base_names(gain.size)[best]
-    n, apart = len(fleet.names), fleet.disagree
+    sharpest = fleet.names[best]
+    n, apart = len(fleet.spacecraft), fleet.disagree
     return phrase("plans", "fleet", n, share, sharpest, gain[best], apart)
 
 
@@ -79,7 +79,7 @@ def fleet_table(fleet: Fleet) -> Table:
     """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
     rows: list[tuple[str, ...]] = []
     n = fleet.mean.size
-    for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
+    for k, (name, unit) in enumerate(zip(fleet.names, base_units(n), strict=True)):
         mean, sd, spread = fleet.mean[k], fleet.sd[k], fleet.spread[k]
         ends = (number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k]))
         sds = (float(np.median(x[:, k])) for x in (fleet.alone_sd, fleet.craft_sd))

@@ -57,11 +57,10 @@ class FleetSettings:
 
 def _card(fleet: Fleet) -> Card:
     """The fleet's J and K, and how alike its spacecraft are."""
-    first = f"Fleet of {len(fleet.names)} spacecraft"
+    first = f"Fleet of {len(fleet.spacecraft)} spacecraft"
     if fleet.disagree:
         first += f"; do not use it: campaigns of {listed(fleet.disagree)} disagree"
-    n = fleet.mean.size
-    told = zip(base_names(n), base_units(n), fleet.mean, fleet.sd, strict=True)
+    told = zip(fleet.names, base_units(fleet.mean.size), fleet.mean, fleet.sd, strict=True)
     return parameter_card(first, "fleet's mean ± sd", told, spread=fleet.spread.tolist())
 
 
@@ -72,8 +71,8 @@ class Fleet:
 
     Parameters
     ----------
-    names : tuple of str
-        Of the spacecraft.
+    spacecraft : tuple of str
+        Their names.
     mean, sd : (p,) arrays
         The fleet's mean of J [kg m^2] and K, and how well it is known.
     spread, spread_low, spread_high : (p,) arrays
@@ -90,7 +89,7 @@ class Fleet:
         Campaigns whose result must not be used.
     """
 
-    names: tuple[str, ...]
+    spacecraft: tuple[str, ...]
     mean: np.ndarray
     sd: np.ndarray
     spread: np.ndarray
@@ -104,6 +103,11 @@ class Fleet:
     disagree: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Jxx to Jyz and the K's, in the order of the columns."""
+        return base_names(self.mean.size)
+
     def to_dataframe(self) -> pd.DataFrame:
         """J and K of each spacecraft as a table.
 
@@ -114,7 +118,7 @@ class Fleet:
             `Jxx_alone` and `Jxx_alone_sd` without them [kg m^2; K without unit].
         """
         mean, sd = self.craft_mean, self.craft_sd
-        return values_by_name(self.names, mean, sd, self.alone, self.alone_sd)
+        return values_by_name(self.spacecraft, mean, sd, self.alone, self.alone_sd)
 
 
 def fleet(

@@ -9,6 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bayes_inertia.campaign.prior import SUMMARY_FILE
 from bayes_inertia.errors import library_of_extra, members, require
 from bayes_inertia.files import path_of
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_from_json
@@ -16,7 +17,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.printed import listed
 from bayes_inertia.sealing import read_sealed_json
 
-FITS_FILE, SUMMARY_FILE = "fits.parquet", "summary.json"
+FITS_FILE = "fits.parquet"
 Source = Posterior | str | Path
 _AGAIN = "write it again with `bayes-inertia resume RUN`"
 
@@ -42,13 +43,11 @@ def _told(source: Source) -> list[Told]:
         return _told(Posterior.load(path))
     if (path / FITS_FILE).is_file():
         return _of_many(path)
-    if (path / SUMMARY_FILE).is_file():
-        content = read_sealed_json(path / SUMMARY_FILE, _AGAIN)
-        return [Told(str(content.get("campaign")), _summary(content, path))]
-    stored, what = path / "posterior.nc", "no finished fit is here"
+    file, what = path / SUMMARY_FILE, "no finished fit is here"
     advice = "give a Posterior, or the folder that `fit -o` or `fit-many -o` wrote"
-    require(stored.is_file(), str(path), what, advice)
-    return _told(Posterior.load(stored))
+    require(file.is_file(), str(path), what, advice)
+    content = read_sealed_json(file, _AGAIN)
+    return [Told(str(content.get("campaign")), _summary(content, path))]
 
 
 def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | None:
@@ -74,12 +73,14 @@ def _likelihood_in(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def usable(told: Sequence[Told]) -> tuple[list[LikelihoodSummary], tuple[str, ...]]:
-    """What may be used, and the names of what may not; telemetry that counts twice is refused."""
-    # All sds would be too small.
-    of_each = {k: one.summary.learnt_from for k, one in enumerate(told) if one.summary}
-    slews = Counter(chain.from_iterable(of_each.values()))
-    twice = [told[k].campaign for k, own in of_each.items() if any(slews[x] > 1 for x in own)]
+    """What may be used, and the names of what may not.
+
+    Telemetry that would count twice is refused: all sds would be too small.
+    """
+    used = [(one.campaign, one.summary) for one in told if one.summary is not None]
+    slews = Counter(chain.from_iterable(summary.learnt_from for _, summary in used))
+    twice = [name for name, summary in used if any(slews[x] > 1 for x in summary.learnt_from)]
     what = f"{listed(twice)} hold the same telemetry, which would count twice"
     require(not twice, "campaigns", what, "give each slew once")
     left_out = tuple(one.campaign for one in told if one.summary is None)
-    return [one.summary for one in told if one.summary is not None], left_out
+    return [summary for _, summary in used], left_out

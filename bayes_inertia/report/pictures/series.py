@@ -62,7 +62,7 @@ def draw_fleet(fleet: Fleet) -> Figure:
 
 def fleet_panel(axes: Axes, fleet: Fleet, k: int) -> np.ndarray:
     """One element of J or K of each spacecraft; returns their order (craft,) from left to right."""
-    x, order = np.arange(len(fleet.names)), np.argsort(fleet.craft_mean[:, k])
+    x, order = np.arange(len(fleet.spacecraft)), np.argsort(fleet.craft_mean[:, k])
     center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
     size = 10.0**power
     mean, spread = (fleet.mean[k] - center) / size, fleet.spread[k] / size
