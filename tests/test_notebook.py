@@ -170,6 +170,14 @@ def test_a_time_without_a_zone_is_refused():
         bi.Slew("a", Time("2026-01-01", scale="local"), np.arange(2.0), rate=np.zeros((2, 3)))
 
 
+def test_masked_times_of_astropy_are_no_dates():
+    masked = Time(STAMPS.to_numpy(), scale="utc")
+    masked[1] = np.ma.masked
+    for time in (masked, masked - masked[0]):
+        with pytest.raises(bi.CampaignError, match="a time is not a number"):
+            bi.Slew("a", 0.0, time, rate=np.zeros((4, 3)))
+
+
 def test_missing_cells_of_a_data_frame_are_readings_that_are_not_there():
     """Of pandas' own kinds of columns, which hold `NA`."""
     rates = pd.DataFrame({"x": [0.1, None, 0.3], "y": [1, 2, None], "z": [0.0, 0.0, 0.0]})

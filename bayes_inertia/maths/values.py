@@ -258,12 +258,12 @@ def _of_astropy(value: Any, where: str, error: type[BayesInertiaError]) -> Any:
     if isinstance(value, list | tuple):
         return [_of_astropy(member, where, error) for member in value]
     if isinstance(value, library.TimeDelta):
-        return value.to_value("sec")
+        return np.where(value.mask, np.nan, np.asarray(value.to_value("sec")))
     if not isinstance(value, library.Time):
         return value
     what, advice = "its scale is local, which has no zone", "give its UTC: Time(..., scale='utc')"
     require(value.scale != "local", where, what, advice, error=error)
-    return value.utc.datetime64
+    return np.where(value.mask, np.datetime64("NaT", "ns"), np.asarray(value.utc.datetime64))
 
 
 def _without_missing(array: np.ndarray) -> np.ndarray:
