@@ -291,12 +291,12 @@ def moved_s(stamp_ns: int, kind: str, other: str) -> float:
 
     `stamp_ns`: as it was read by `kind`, of TAI since 1958.
 
-    >>> moved_s(2_151_144_037 * SECOND, "gps_s", "unix_s")  # ten years, 17 leap seconds
+    >>> moved_s(2_151_144_037_250_000_000, "gps_s", "unix_s")  # ten years, 17 leap seconds
     -315964783.0
     """
     (unit, start, leaps), (size, zero, has_leaps) = _NUMBERS[kind], _NUMBERS[other]
-    count = ((tai_to_utc(stamp_ns) if leaps else stamp_ns) - start) // unit
-    moved = count * size + zero
+    since_start = (tai_to_utc(stamp_ns) if leaps else stamp_ns) - start
+    moved = since_start * size // unit + zero
     return ((int(utc_to_tai(np.array(moved))) if has_leaps else moved) - stamp_ns) / SECOND
 
 
