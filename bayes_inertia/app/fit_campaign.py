@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.prior import GaussianPrior, prior_in
+from bayes_inertia.campaign.prior import GaussianPrior, of_trusted, prior_in
 from bayes_inertia.diagnosis.candidates import restarted_with_mode
 from bayes_inertia.diagnosis.quoted_parameters import (
     AlternativeParameters,
@@ -163,7 +163,8 @@ def update(
     Parameters
     ----------
     former : Posterior, str or Path
-        A fit, or the folder of a finished run. Also a JSON file, as `prior_in` takes it.
+        A fit, its posterior.nc, or the folder of a finished run. Also a JSON file, as `prior_in`
+        takes it.
     campaign : Campaign
         What was flown since. A prior of its own is not used.
     inflate : float, optional
@@ -203,12 +204,7 @@ def known_before(former: Posterior | str | Path, inflate: float = 0.0) -> Gaussi
         if path.suffix != ".nc":
             return prior_in(path).inflated(inflate)
         former = Posterior.load(path)
-    what = "the result is not trusted: it is no prior"
-    advice = "read its report, and use a result that is trusted"
-    prior = former.as_prior
-    require(prior is not None, "former", what, advice)
-    assert prior is not None
-    return prior.inflated(inflate)
+    return of_trusted(former.as_prior, "former").inflated(inflate)
 
 
 def settled_estimate(

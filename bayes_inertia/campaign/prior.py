@@ -392,7 +392,13 @@ def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """The part of a summary that is a prior."""
     what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
     errors.require(SUMMARY_KEY in content, where, what, advice)
-    what = "the result is not trusted: it is no prior"
-    advice = "read its report, and use a result that is trusted"
-    errors.require(content[SUMMARY_KEY] is not None, where, what, advice)
-    return {"includes_wheel_spin": content.get("includes_wheel_spin")} | content[SUMMARY_KEY]
+    known: Mapping[str, Any] = of_trusted(content[SUMMARY_KEY], where)
+    return {"includes_wheel_spin": content.get("includes_wheel_spin"), **known}
+
+
+def of_trusted[T](known: T | None, where: str) -> T:
+    """What a result knows, or `CampaignError` where it is not trusted, which None says."""
+    if known is None:
+        advice = "read its report, and use a result that is trusted"
+        raise CampaignError("the result is not trusted: it is no prior", where=where, advice=advice)
+    return known

@@ -88,6 +88,12 @@ class Flight:
         return np.linalg.norm(self.measured_error_B, axis=1)
 
 
+def require_plan(plan: Any, mission: Any) -> None:
+    """Raise `CampaignError` for what is no plan, or no mission that flies it."""
+    require_kind(plan, Plan, "plan", "give a Plan: read_plan reads one, paper_like_plan() is one")
+    require_kind(mission, Mission, "mission", "give a Mission: Mission.of(campaign) is one")
+
+
 def fly(
     plan: Plan,
     mission: Mission,
@@ -139,8 +145,7 @@ def fly(
     >>> fly(plan, most_like_mission(), seed=None).final_error_B.round(4)[0, 0].item()
     0.005
     """
-    require_kind(plan, Plan, "plan", "give a Plan: read_plan reads one, paper_like_plan() is one")
-    require_kind(mission, Mission, "mission", "give a Mission: Mission.of(campaign) is one")
+    require_plan(plan, mission)
     rng = None if seed is None else np.random.default_rng(whole_number(seed, "seed"))
     if not mission.spacecraft.flies_by_gyro:
         return _follow(plan, mission, rng, name)

@@ -17,12 +17,12 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import EffectError, OutputError, require, require_kind
+from bayes_inertia.errors import EffectError, OutputError, require
 from bayes_inertia.files import path_of, write_atomically
 from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.plan_flight import Flight, fly, require_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
@@ -177,8 +177,7 @@ def simulate(
     ['campaign.toml', 'slew_01.csv', 'truth.json']
     """
     seed, folder = whole_number(seed, "seed"), path_of(out_folder, "out_folder")
-    require_kind(plan, Plan, "plan", "give a Plan: read_plan reads one, paper_like_plan() is one")
-    require_kind(mission, Mission, "mission", "give a Mission: Mission.of(campaign) is one")
+    require_plan(plan, mission)
     mission = with_hidden_effects(mission, plan, hidden, seed)
     flight = fly(plan, mission, seed, controller=controller, name=name)
     _write_with_truth(flight.campaign, truth_of(flight, seed), folder)
