@@ -141,7 +141,7 @@ class Campaign:
             object.__setattr__(self, "prior", prior)
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
-        _ = self.begin_utc
+        _ = self.begin_utc  # an epoch that is no date is refused now
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         self._check_devices()

@@ -73,7 +73,7 @@ class _Stream:
     slews: list[np.ndarray]
     names: list[str]
     sigma: Sequence[float | None]
-    has_noise: bool = True  # Commands have none
+    has_noise: bool = True  # commands have none
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -96,7 +96,7 @@ class _Stream:
         return float("nan") if hidden else noise
 
     def seen_noise(self, k: int) -> float:
-        """What readings of a column differ from those beside them, median of the slews."""
+        """By how much readings differ from those beside them, median of the slews."""
         with np.errstate(invalid="ignore"):
             seen = np.array([smooth_noise(values[:, k]) for values in self.slews])
         return float(np.median(seen[np.isfinite(seen)])) if np.isfinite(seen).any() else 0.0

@@ -88,8 +88,8 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     follow = (c for c in counts if _misfit_of_rates(seen, c) < NUMERICS.rates_followed)
     inner = next(follow, counts[-1])
     free = [_knots(*_readings(slew), slew.duration, inner)[1] for slew in campaign.slews]
-    beside = [_bent(at, h, inner) for at, h in readings]
-    errors = errors[np.concatenate([bent[1:] | bent[:-1] for bent in beside])]
+    bent = (_bent(at, h, inner) for at, h in readings)
+    errors = errors[np.concatenate([each[1:] | each[:-1] for each in bent])]
     sd = np.maximum(np.sqrt(np.mean(errors**2, axis=0)), noise)
     return FreeMomentum(inner, max(int(each.sum()) for each in free), sd)
 
@@ -102,7 +102,7 @@ def _readings(slew: Slew) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bent(at: np.ndarray, momentum: np.ndarray, inner: int) -> np.ndarray:
-    """Between which readings (m - 1,) knots are free: all, or as many as are worth their cost."""
+    """Between which readings (m - 1,) knots are free: where lines are most wrong, if not in all."""
     most = NUMERICS.most_free_knots // inner
     errors = np.linalg.norm(_errors_of_lines(at, momentum), axis=1)
     beside = np.maximum(np.append(errors, 0.0), np.append(0.0, errors))
