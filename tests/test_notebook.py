@@ -170,6 +170,12 @@ def test_a_time_without_a_zone_is_refused():
         bi.Slew("a", Time("2026-01-01", scale="local"), np.arange(2.0), rate=np.zeros((2, 3)))
 
 
+@pytest.mark.parametrize("start", [datetime(1601, 1, 1), np.datetime64("9999-01-01")])
+def test_a_date_that_nanoseconds_cannot_count_is_refused(start):
+    with pytest.raises(bi.CampaignError, match="a date is before 1678 or after 2261; give"):
+        bi.Slew("a", start, np.arange(2.0), rate=np.zeros((2, 3)))
+
+
 def test_masked_times_of_astropy_are_no_dates():
     masked = Time(STAMPS.to_numpy(), scale="utc")
     masked[1] = np.ma.masked

@@ -286,8 +286,15 @@ def moments(value: Any, where: str, advice: str = "") -> np.ndarray:
         # Of pandas, with a time zone, or Python's own.
         dates = [_utc(moment) for moment in array.ravel()]
         if any(date is not None for date in dates):
-            array = np.array(dates, "datetime64[ns]").reshape(array.shape)
-    return array.astype("datetime64[ns]") if array.dtype.kind == "M" else array
+            array = np.array(dates, "datetime64[us]").reshape(array.shape)
+    if array.dtype.kind != "M":
+        return array
+    years = array.astype("datetime64[Y]")
+    kept = (years >= np.datetime64("1678")) & (years <= np.datetime64("2261"))
+    advice = advice or "give dates that nanoseconds can count"
+    in_reach = bool((kept | np.isnat(years)).all())
+    require(in_reach, where, "a date is before 1678 or after 2261", advice)
+    return array.astype("datetime64[ns]")
 
 
 def _utc(moment: Any) -> np.datetime64 | None:

@@ -397,7 +397,11 @@ def test_a_message_has_the_date_of_the_first_slew(with_attributes, tmp_path):
         assert "COMMENT EPOCH_TZERO is when the first slew began" in path.read_text()
     undated = bi.export(with_attributes(**at), tmp_path / "undated", "acm").read_text()
     assert "COMMENT EPOCH_TZERO is when this message was made, as the campaign" in undated
-    for wrong, says in (("soon", "mission.epoch: 'soon' is no date"), (5, "an int is no str")):
+    for wrong, says in (
+        ("soon", "mission.epoch: 'soon' is no date"),
+        ("1601-01-01", "mission.epoch: a date is before 1678 or after 2261; give UTC"),
+        (5, "an int is no str"),
+    ):
         with pytest.raises(bi.CampaignError, match=says):
             replace(campaign, mission={"epoch": wrong})
 
