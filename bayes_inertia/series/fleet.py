@@ -180,7 +180,7 @@ def fleet_told(told: Mapping[str, Sequence[Told]], settings: FleetSettings) -> F
     _, left_out = usable([one for own in told.values() for one in own])
     of_each = {name: [one.summary for one in own if one.summary] for name, own in told.items()}
     crafts = {name: own for name, own in of_each.items() if own}
-    what = f"holds {len(crafts)} spacecraft with a result that can be used"
+    what = f"{len(crafts)} of {len(told)} spacecraft have a result that can be used"
     advice = "a fleet needs at least two: put the campaigns of each in a folder or list of its own"
     require(len(crafts) >= 2, "crafts", what, advice)
     summaries = [replace(product(own), campaign=name) for name, own in crafts.items()]

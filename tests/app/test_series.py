@@ -95,7 +95,7 @@ def test_what_python_cannot_ask_is_said(runs, tmp_path):
             bi.history(sources, **more)
     with pytest.raises(bi.CampaignError, match=r'crafts: a list is no Mapping; give ."sat A'):
         bi.fleet([runs[0], runs[1]])
-    with pytest.raises(bi.CampaignError, match="crafts: holds 1 spacecraft with a result"):
+    with pytest.raises(bi.CampaignError, match="crafts: 1 of 2 spacecraft have a result"):
         bi.fleet({"sat A": runs[:2], "sat B": runs[-1]})
     with pytest.raises(bi.SettingsError, match=r"seed: is 1\.5"):
         bi.fleet({"sat A": runs[:2], "sat B": runs[2]}, seed=1.5)
@@ -180,7 +180,7 @@ def test_one_spacecraft_is_no_fleet(tmp_path, capsys):
     told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
     fits = fits_in(tmp_path / "fits", {"craft/a": told, "craft/b": told})
     assert call("fleet", fits, "-o", tmp_path / "fleet") == 2
-    assert "holds 1 spacecraft" in capsys.readouterr().err
+    assert "1 of 1 spacecraft have a result" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("untied", [True, False])
