@@ -50,10 +50,11 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.linearised_fit import LinearisedFit, Rows
 from bayes_inertia.inference.optimizer import estimate, move_to
-from bayes_inertia.inference.posterior import Posterior, sd_of_interval
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled
+from bayes_inertia.maths.robust_scale import sd_of_interval
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode

@@ -197,6 +197,15 @@ def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
     return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)
 
 
+def first_stated_prior(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
+    """The first summary whose prior no telemetry told, else the first of all.
+
+    A former posterior has correlations, which a campaign does not state.
+    """
+    stated = (summary for summary in summaries if summary.prior_correlation is None)
+    return next(stated, summaries[0])
+
+
 def means_and_sds(summaries: Sequence[LikelihoodSummary]) -> tuple[np.ndarray, np.ndarray]:
     """Means and sds (summaries, n) of the posteriors that summaries and their priors make."""
     posteriors = [with_prior(summary) for summary in summaries]

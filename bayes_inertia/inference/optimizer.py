@@ -176,13 +176,17 @@ def re_estimate(
 
 
 def _with_finite_telemetry(previous: Estimate, theta: np.ndarray) -> Point:
-    """The point of theta (d,), or the nearest towards an earlier estimate that predicts numbers."""
+    """The point of theta (d,), or the nearest towards an earlier estimate that predicts numbers.
+
+    Sizes of stochastic effects stay as asked: their null has no logarithm, and moves no telemetry.
+    """
     point, model, back = previous.point, previous.model, theta - previous.theta
+    back[list(model.structure.hyperparameters)] = 0.0
     for halvings in range(LIMITS.halvings):
-        at = replace(point, theta=theta if not halvings else previous.theta + back / 2**halvings)
+        at = replace(point, theta=theta if not halvings else theta - back * (1.0 - 0.5**halvings))
         if np.isfinite(negative_log_posterior(model, at, previous.white)):
             return at
-    return point
+    return replace(point, theta=theta - back)
 
 
 def without_effects(

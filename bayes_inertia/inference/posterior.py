@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, require
@@ -30,6 +29,7 @@ from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.printed import NOT_GIVEN, Card, parameter_lines, parameter_text, shown_as
+from bayes_inertia.maths.robust_scale import sd_of_interval
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import after_changes_of_J, base_count, parameter_vectors
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
@@ -57,14 +57,6 @@ _SUMMARY_ORDER = (
 _NINETY = (0.05, 0.5, 0.95)
 # Other measures of what the slews support, for comparison: nothing is quoted from them.
 _OTHER_MEASURES = ("hc3_sd", "cr2_sd", "cr2_dof")
-
-
-def sd_of_interval(low: Any, high: Any) -> Any:
-    """The sd of a normal distribution with this 90 % interval.
-
-    An average over models has long thin tails, which rule its sd and not what holds 90 %.
-    """
-    return (high - low) / (2.0 * stats.norm.isf(0.05))
 
 
 def _robust_sd(robust: Any, sd: float) -> float | None:

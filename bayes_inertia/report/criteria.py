@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bayes_inertia.maths.robust_scale import sd_of_interval
 from bayes_inertia.report.formatting import common_exponents, kind_of, probability
 from bayes_inertia.report.layout import LAYOUT
 
@@ -220,11 +221,14 @@ def worst_rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:
     """The 90 % interval that belongs to the quoted sd: the draws', widened about their median.
 
-    >>> interval_90({"q05": -1.6, "q50": 0.0, "q95": 1.7, "sd": 1.0, "quoted_sd": 2.0})
-    (-3.2, 3.4)
+    These are of what may be true, and so is the quoted sd: what the model alone says is no measure.
+
+    >>> low, high = interval_90({"q05": -3.0, "q50": 0.0, "q95": 3.58, "sd": 1.0, "quoted_sd": 4.0})
+    >>> round(low, 2), round(high, 2)
+    (-6.0, 7.16)
     """
     if row["quoted_sd"] is None:
         return None
-    factor = row["quoted_sd"] / row["sd"] if row["sd"] > 0 else 1.0
-    median = row["q50"]
-    return median + factor * (row["q05"] - median), median + factor * (row["q95"] - median)
+    low, median, high = row["q05"], row["q50"], row["q95"]
+    factor = row["quoted_sd"] / sd_of_interval(low, high) if high > low else 1.0
+    return median + factor * (low - median), median + factor * (high - median)

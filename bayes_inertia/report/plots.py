@@ -19,7 +19,7 @@ from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.diagnosis import candidates_panel
 from bayes_inertia.report.pictures.observability import sd_panel
 from bayes_inertia.report.pictures.pairs import most_correlated, pairs_panel, prior_panel
-from bayes_inertia.report.pictures.series import fleet_panel, history_panel
+from bayes_inertia.report.pictures.series import fleet_panel, history_panel, named_ticks
 from bayes_inertia.report.pictures.telemetry import attitude_panel, rate_panel, residual_panel
 
 if TYPE_CHECKING:
@@ -433,5 +433,5 @@ def plot_fleet(fleet: Fleet, name: str | int = 0, *, ax: Axes | None = None) -> 
     """
     assert ax is not None
     order = fleet_panel(ax, fleet, _index(fleet.names, name, "name"))
-    ax.set_xticks(range(len(order)), [fleet.spacecraft[k] for k in order], rotation=30, ha="right")
+    named_ticks(ax, [fleet.spacecraft[k] for k in order])
     return ax

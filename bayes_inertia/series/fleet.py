@@ -14,10 +14,13 @@ from typing import TYPE_CHECKING
 
 import emcee
 import numpy as np
+from scipy import special
+from scipy.optimize import elementwise
 
 from bayes_inertia.errors import require, require_kind
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
+    first_stated_prior,
     means_and_sds,
     p_value_of_same,
     product,
@@ -44,8 +47,11 @@ class FleetSettings:
     # Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
     spread_of_spread: float = 2.0
     walkers: int = 32  # of the ensemble; the density has a dimension a parameter, and one mode
-    steps: int = 400
-    burn: int = 150
+    # Steps, and draws that are kept: as many spacecraft times draws, for of few spacecraft the
+    # spread is known to a factor alone, and its long tails need them.
+    spacecraft_times_draws: int = 80_000
+    most_draws: int = 2000
+    burn: float = 0.375  # of the steps, before
     seed: int = 0  # what reproduces the draws
     # Campaigns of a craft that differ more than by this p-value, shared by all crafts, disagree.
     disagree_p_value: float = 1e-3
@@ -74,7 +80,8 @@ class Fleet:
     spacecraft : tuple of str
         Their names.
     mean, sd : (p,) arrays
-        The fleet's mean of J [kg m^2] and K, and how well it is known.
+        The fleet's mean of J [kg m^2] and K: median, and half of the central 68 % interval. Its
+        tails are long where spacecraft are few.
     spread, spread_low, spread_high : (p,) arrays
         Sd from craft to craft: median and 90 % interval.
     craft_mean, craft_sd : (n, p) arrays
@@ -202,8 +209,8 @@ class _Told:
 
     @classmethod
     def by(cls, crafts: Sequence[LikelihoodSummary]) -> _Told:
-        """What summaries of crafts tell; the prior of the first is that of the fleet's mean."""
-        first = crafts[0]
+        """What summaries of crafts tell; the first stated prior is that of the fleet's mean."""
+        first = first_stated_prior(crafts)
         roots, data = map(np.array, zip(*(craft.whitened(first) for craft in crafts), strict=True))
         return cls(roots, data, unit_of(first), np.linalg.inv(first.prior_matrix))
 
@@ -252,21 +259,22 @@ def fleet_of(
 ) -> Fleet:
     """The fleet that the summaries of its spacecraft imply, one summary a craft.
 
-    The prior of the first craft is the prior of the fleet's mean.
+    The prior of the first craft is the prior of the fleet's mean, unless it is a former posterior.
     """
     require_same_parameters(crafts)
-    first, told = crafts[0], _Told.by(crafts)
+    first, told = first_stated_prior(crafts), _Told.by(crafts)
     draws = _sampled_spreads(told, settings)
     at = told.conditional(draws)
     scale, variance = first.prior_sd, (np.exp(draws) * told.unit) ** 2
     craft, craft_variance = at.crafts(told, variance)
-    mean, sd = _averaged(at.center, np.diagonal(at.center_covariance, axis1=1, axis2=2))
+    mean, sd = _center(at.center, np.diagonal(at.center_covariance, axis1=1, axis2=2))
     own_mean, own_sd = _averaged(craft, craft_variance)
     low, middle, high = np.quantile(np.sqrt(variance) * scale, [0.05, 0.5, 0.95], axis=0)
     names = tuple(c.campaign for c in crafts)
     untied = all(c.is_scale_untied for c in crafts)
     center, own = first.prior_mean + scale * mean, first.prior_mean + scale * own_mean
-    of_each = own, scale * own_sd, *means_and_sds(crafts)
+    stated = [c if c.prior_correlation is None else c.with_prior_of(first) for c in crafts]
+    of_each = own, scale * own_sd, *means_and_sds(stated)
     return Fleet(names, center, scale * sd, middle, low, high, *of_each, untied)
 
 
@@ -281,6 +289,20 @@ def disagreeing(
 def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd of a mixture of equal weights (b, ...)."""
     return means.mean(axis=0), np.sqrt(variances.mean(axis=0) + means.var(axis=0))
+
+
+def _center(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median and half of the central 68 % interval of a mixture of equal weights (b, p)."""
+    sds, levels = np.sqrt(variances), special.ndtr(np.array([-1.0, 0.0, 1.0]))[:, None]
+
+    def beyond(x: np.ndarray, level: np.ndarray, k: np.ndarray) -> np.ndarray:
+        below = special.ndtr((x - means[:, k]) / sds[:, k])
+        return below.mean(axis=0) - level
+
+    ends = (means - 2.0 * sds).min(axis=0), (means + 2.0 * sds).max(axis=0)
+    found = elementwise.find_root(beyond, ends, args=(levels, np.arange(means.shape[1])))
+    low, middle, high = found.x
+    return middle, 0.5 * (high - low)
 
 
 def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
@@ -301,6 +323,8 @@ def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
         settings.walkers, told.unit.size, log_density, vectorize=True, moves=moves
     )
     state = np.random.MT19937(settings.seed).state
-    sampler.run_mcmc(emcee.State(start, random_state=state), settings.burn + settings.steps)
-    chain = sampler.get_chain(discard=settings.burn, flat=True)
-    return chain[:: max(1, len(chain) // 400)]
+    draws = min(settings.spacecraft_times_draws // len(told.data), settings.most_draws)
+    burn = int(settings.burn * draws)
+    sampler.run_mcmc(emcee.State(start, random_state=state), burn + draws)
+    chain = sampler.get_chain(discard=burn, flat=True)
+    return chain[:: len(chain) // draws]

@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 from bayes_inertia.errors import require
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
+    first_stated_prior,
     means_and_sds,
     require_same_parameters,
 )
@@ -131,11 +132,15 @@ class SeenJump:
 
 
 def _card(history: History) -> Card:
-    """The most probable jump, and J and K now."""
-    first = f"History of {len(history.campaigns)} campaigns"
-    for jump in history.jumps[:1]:
-        first += f": a jump of {jump.part} after number {jump.after + 1} has the probability "
-        first += f"{100.0 * jump.probability:.1f} %"
+    """The most probable change, and J and K now."""
+    jumps = [
+        (jump.probability, f"a jump of {jump.part} after number {jump.after + 1}")
+        for jump in history.jumps[:1]
+    ]
+    wanders = [(p, f"a wander of {part}") for part, p in history.wanders.items()]
+    probability, change = max(jumps + wanders)
+    first = f"History of {len(history.campaigns)} campaigns: {change} has the probability "
+    first += f"{100.0 * probability:.1f} %"
     mean, sd = history.mean, history.sd
     now = zip(history.names, base_units(len(history.names)), mean[-1], sd[-1], strict=True)
     return parameter_card(first, "now ± sd", now, change=(mean[-1] - mean[0]).tolist())
@@ -349,7 +354,9 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
         for part in may_change
     }
     likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
-    alone, alone_sd = means_and_sds([campaign.with_prior_of(series[0]) for campaign in series])
+    # The prior of an update is a former posterior, which no campaign alone tells.
+    stated = first_stated_prior(series)
+    alone, alone_sd = means_and_sds([campaign.with_prior_of(stated) for campaign in series])
     untied = all(campaign.is_scale_untied for campaign in series)
     return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks, untied)
 

@@ -27,6 +27,8 @@ class Told(NamedTuple):
 
     campaign: str  # its name
     summary: LikelihoodSummary | None  # None where the result must not be used
+    # Whether its J holds the spin inertia of the wheels; None where nobody told.
+    includes_wheel_spin: bool | None = None
 
 
 def told_by(sources: Source | Iterable[Source]) -> list[Told]:
@@ -37,7 +39,9 @@ def told_by(sources: Source | Iterable[Source]) -> list[Told]:
 
 def _told(source: Source) -> list[Told]:
     if isinstance(source, Posterior):
-        return [Told(str(source.attributes.get("campaign")), source.likelihood)]
+        attributes = source.attributes
+        spin = attributes.get("includes_wheel_spin")
+        return [Told(str(attributes.get("campaign")), source.likelihood, spin)]
     path = path_of(source, "sources")
     if path.is_file():
         return _told(Posterior.load(path))
@@ -47,7 +51,8 @@ def _told(source: Source) -> list[Told]:
     advice = "give a Posterior, or the folder that `fit -o` or `fit-many -o` wrote"
     require(file.is_file(), str(path), what, advice)
     content = read_sealed_json(file, _AGAIN)
-    return [Told(str(content.get("campaign")), _summary(content, path))]
+    spin = content.get("includes_wheel_spin")
+    return [Told(str(content.get("campaign")), _summary(content, path), spin)]
 
 
 def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | None:
@@ -82,5 +87,9 @@ def usable(told: Sequence[Told]) -> tuple[list[LikelihoodSummary], tuple[str, ..
     twice = [name for name, summary in used if any(slews[x] > 1 for x in summary.learnt_from)]
     what = f"{listed(twice)} hold the same telemetry, which would count twice"
     require(not twice, "campaigns", what, "give each slew once")
+    spins = {one.includes_wheel_spin for one in told if one.summary} - {None}
+    what = "some results hold the wheels' spin inertia in J, others do not"
+    advice = "state includes_wheel_spin alike in all campaigns, and fit them again"
+    require(len(spins) < 2, "campaigns", what, advice)
     left_out = tuple(one.campaign for one in told if one.summary is None)
     return [summary for _, summary in used], left_out

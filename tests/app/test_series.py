@@ -150,7 +150,9 @@ def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
     assert replace(of_many, left_out=()) == fleet != bi.fleet(runs, seed=1)
     table = fleet.to_dataframe()
     assert repr(fleet).startswith("Fleet of 3 spacecraft\nJxx 3.")
-    assert (table["K1_sd"] < table["K1_alone_sd"]).all()
+    # Three sisters that differ by far more than each is known tell hardly anything of each other.
+    np.testing.assert_allclose(table["K1_sd"], table["K1_alone_sd"], rtol=0.02)
+    assert (table["K1_sd"] != table["K1_alone_sd"]).all()
     for craft, x in zip(content["spacecraft"], truth, strict=True):
         assert table.loc[craft["name"], "Jxx"] == craft["parameters"]["Jxx"]["mean"]
         Jxx = craft["parameters"]["Jxx"]

@@ -11,6 +11,7 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import Information, Point, information_blocks
 from bayes_inertia.inference.noise_model import discounted, whitening
@@ -69,6 +70,19 @@ def test_a_fit_that_begins_where_no_telemetry_is_finite_is_brought_back(fitted):
     again = re_estimate(fitted, theta, fitted.free)
     assert np.isfinite(again.hessian).all()
     assert again.objective == pytest.approx(fitted.objective, abs=1e-3)
+
+
+def test_sizes_of_stochastic_effects_are_never_brought_back_to_none(fitted, monkeypatch):
+    """None has no logarithm: the evidence would have no number there."""
+    begin = move_to(fitted, Model(fitted.model.campaign, (TorqueNoise(),)))
+    sizes, theta = begin.model.space.slice_of("torque_noise"), begin.theta.copy()
+    theta[sizes] = [3e-6, 20.0]
+    theta[0] *= 1.5
+    monkeypatch.setattr(optimizer, "negative_log_posterior", lambda *_: np.nan)
+    back = optimizer._with_finite_telemetry(begin, theta)
+    assert begin.theta[sizes][0] == 0.0
+    np.testing.assert_array_equal(back.theta[sizes], theta[sizes])
+    np.testing.assert_allclose(back.theta[:6], begin.theta[:6], rtol=1e-12)
 
 
 def test_at_the_optimum_no_direction_goes_down(fitted):

@@ -1,6 +1,7 @@
 """Plots on axes of one's own."""
 
 import json
+from io import BytesIO
 
 import matplotlib
 import numpy as np
@@ -118,6 +119,27 @@ def test_a_history_and_a_fleet_of_fits_are_drawn_as_their_pages_do(series):
     for ours, theirs in zip(of_plots, of_pages, strict=True):
         for own, line in zip(ours, theirs, strict=True):
             np.testing.assert_array_equal(own.get_xydata(), line.get_xydata())
+
+
+def test_names_of_users_are_no_formulas(posteriors):
+    fits = [posteriors["good"], Posterior(posteriors["good"].tree.copy(deep=True))]
+    crafts = dict(zip((r"a $\foo$", "$x_1$"), fits, strict=True))
+    figure = Figure()
+    axes = bi.plot_fleet(bi.fleet(crafts), ax=figure.subplots())
+    figure.savefig(BytesIO())
+    assert {text.get_text() for text in axes.get_xticklabels()} == set(crafts)
+
+
+def test_fits_of_J_with_and_without_the_spin_of_wheels_are_no_series(posteriors):
+    fits = []
+    for spin in (True, False):
+        tree = posteriors["good"].tree.copy(deep=True)
+        attributes = posteriors["good"].attributes | {"includes_wheel_spin": spin}
+        tree.attrs["bayes_inertia"] = json.dumps(attributes)
+        fits.append(Posterior(tree))
+    for ask in (bi.history, lambda fits: bi.fleet(dict(zip("ab", fits, strict=True)))):
+        with pytest.raises(bi.CampaignError, match="wheels' spin inertia in J, others do not"):
+            ask(fits)
 
 
 def test_fits_that_share_a_slew_are_no_series(posteriors):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from bayes_inertia.physics.parameters import base_names, base_units
@@ -48,7 +49,16 @@ def history_panel(axes: Axes, history: History, k: int) -> None:
             axes.axvline(before + (after - before) / 2, color=style.VERMILLION, ls=(0, (4, 2)))
     _labels(axes, k, history.mean.shape[1], center, power)
     if known is None:
-        axes.set_xticks(x, history.campaigns, rotation=30, ha="right")
+        named_ticks(axes, history.campaigns)
+    elif np.issubdtype(known.dtype, np.datetime64):
+        dates = AutoDateLocator(maxticks=LAYOUT.most_dates)
+        axes.xaxis.set_major_locator(dates)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(dates))
+
+
+def named_ticks(axes: Axes, names: Sequence[str]) -> None:
+    """A tick for each name; what a user calls a campaign is no formula."""
+    axes.set_xticks(range(len(names)), names, rotation=30, ha="right", parse_math=False)
 
 
 @style.styled
