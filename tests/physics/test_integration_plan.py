@@ -20,6 +20,8 @@ from bayes_inertia.campaign.hardware import DirectionSensor, InertiaPrior, RateS
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.inference.likelihood import Point, residuals
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics import forward_model
 from bayes_inertia.physics.effects import (
@@ -141,6 +143,25 @@ def test_effects_are_integrated_as_well(monkeypatch, effects, drive):
     rows, found = errors(monkeypatch, dense(), effects, drive)
     assert rows > 1 or any(e.name == "wheel_friction" for e in effects)
     assert max(found) < ALLOWED, found
+
+
+@pytest.mark.slow
+def test_a_mode_of_the_largest_damping_that_its_prior_allows_is_simulated():
+    """What is damped far more strongly is stiff: it has no number at steps of a slow motion."""
+    model = Model(dense(), (FlexibleMode(frequency=0.004),))
+    assert model.structure.rows_per_step > 1
+    theta, (damping,) = model.space.mean, np.flatnonzero(model.space.upper == 1.0)
+    theta[model.space.slice_of("flexible_mode")] = [0.5, -0.4, 0.1, 0.004, 1.0]
+    assert damping == model.space.slice_of("flexible_mode").stop - 1
+    at = Point(theta, np.zeros(model.n_bias), np.zeros((model.n_slews, model.structure.n_local)))
+    assert all(np.isfinite(x).all() for x in _residuals(model, at))
+    theta[damping] = 3e4
+    assert not all(np.isfinite(x).all() for x in _residuals(model, at))
+
+
+def _residuals(model: Model, point: Point) -> list[np.ndarray]:
+    found = residuals(model.structure, point, model.data, whitening(model, point.theta))
+    return [np.asarray(x) for x in found]
 
 
 @pytest.mark.slow

@@ -38,7 +38,7 @@ class FlexibleMode(Effect):
     frequency_spread : float, optional
         Sd of its logarithm.
     damping : float, optional
-        Prior median of z; 0.005 is a usual figure for deployed structures.
+        Prior median of z, which stays below 1; 0.005 is a usual figure for deployed structures.
     damping_spread : float, optional
         Sd of its logarithm.
 
@@ -64,7 +64,8 @@ class FlexibleMode(Effect):
             sigma = 0.1 * float(np.sqrt(campaign.scale_of_motion()[2]))
         frequency = self._median_frequency(campaign)
         of_frequency = LogNormal(frequency, self.frequency_spread)
-        of_damping = LogNormal(self.damping, self.damping_spread)
+        # Beyond critical damping nothing rings, and what is far beyond is too stiff for the steps.
+        of_damping = LogNormal(self.damping, self.damping_spread, upper=1.0)
         return (
             vector("coupling", "xyz", unit="kg^0.5 m", prior=Normal(0.0, sigma)),
             scalar("frequency", unit="Hz", prior=of_frequency, null=frequency),
