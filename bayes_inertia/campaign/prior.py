@@ -382,7 +382,8 @@ def prior_in(source: str | Path) -> GaussianPrior:
     path = path_of(source, "prior")
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
-    content = read_sealed_json(file, "give the folder of a finished run, or a JSON file")
+    finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
+    content = read_sealed_json(file, f"give {finished}, or a JSON file")
     if of_run or SUMMARY_KEY in content:
         return prior_from_json(_of_summary(content, str(file)), str(file))
     return prior_from_json(content, str(file))

@@ -66,6 +66,8 @@ def _card(fleet: Fleet) -> Card:
     first = f"Fleet of {len(fleet.spacecraft)} spacecraft"
     if fleet.disagree:
         first += f"; do not use it: campaigns of {listed(fleet.disagree)} disagree"
+    elif fleet.left_out:
+        first += f"; left out, not to be used: {listed(fleet.left_out)}"
     told = zip(fleet.names, base_units(fleet.mean.size), fleet.mean, fleet.sd, strict=True)
     return parameter_card(first, "fleet's mean ± sd", told, spread=fleet.spread.tolist())
 

@@ -27,7 +27,7 @@ from bayes_inertia.inference.likelihood_summary import (
 )
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.maths.printed import Card, parameter_card, shown_as
+from bayes_inertia.maths.printed import Card, listed, parameter_card, shown_as
 from bayes_inertia.maths.values import array_dataclass, moments
 from bayes_inertia.physics.parameters import base_names, base_units
 from bayes_inertia.series.sources import Told, told_by, usable
@@ -141,6 +141,8 @@ def _card(history: History) -> Card:
     probability, change = max(jumps + wanders)
     first = f"History of {len(history.campaigns)} campaigns: {change} has the probability "
     first += f"{100.0 * probability:.1f} %"
+    if history.left_out:
+        first += f"; left out, not to be used: {listed(history.left_out)}"
     mean, sd = history.mean, history.sd
     now = zip(history.names, base_units(len(history.names)), mean[-1], sd[-1], strict=True)
     return parameter_card(first, "now ± sd", now, change=(mean[-1] - mean[0]).tolist())

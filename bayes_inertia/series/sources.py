@@ -48,7 +48,8 @@ def _told(source: Source) -> list[Told]:
     if (path / FITS_FILE).is_file():
         return _of_many(path)
     file, what = path / SUMMARY_FILE, "no finished fit is here"
-    advice = "give a Posterior, or the folder that `fit -o` or `fit-many -o` wrote"
+    advice = "give a Posterior, or the folder that `fit -o` or `fit-many -o` wrote; "
+    advice += "`bayes-inertia resume RUN` finishes a run"
     require(file.is_file(), str(path), what, advice)
     content = read_sealed_json(file, _AGAIN)
     spin = content.get("includes_wheel_spin")

@@ -69,7 +69,10 @@ def test_python_asks_as_the_command_does(runs, tmp_path, capsys):
     assert history.jumps[0].probability == told["jumps"][0]["probability"]
     text = repr(history).splitlines()
     jump = "a jump of J after number 2 has the probability 100.0 %"
-    assert text[0] == f"History of 4 campaigns: {jump}"
+    left_out = "left out, not to be used: refused"
+    assert text[0] == f"History of 4 campaigns: {jump}; {left_out}"
+    shortened = replace(bi.fleet({"a": runs[:1], "b": runs[2:3]}), left_out=("refused",))
+    assert left_out in repr(shortened)
     assert text[1].startswith("Jxx ")
     assert "<td>Jzz</td>" in history._repr_html_()
     table = history.to_dataframe()
