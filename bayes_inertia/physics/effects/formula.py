@@ -403,10 +403,11 @@ class Formula(RowByRow):
         if not rows or not columns:
             return ()
         if self.form == "entry":
-            return (f"{rows[self.row]}{columns[self.column]}" if len(columns) > 1 else rows[0],)
+            row, column = rows[self.row], columns[self.column]
+            return (_entry(row, column) if len(columns) > 1 else rows[0],)
         if self.form in ("diagonal", "scalar", "cross", "column") or len(columns) == 1:
             return rows
-        return tuple(f"{row}{column}" for row in rows for column in columns)
+        return tuple(_entry(row, column) for row in rows for column in columns)
 
     def acts(self, hook):
         return hook == PLACES[self.place].hook
@@ -483,6 +484,15 @@ def knows(place: str, driver: str) -> bool:
     (True, False)
     """
     return not (driver_of(driver).needs and PLACES[place].hook.endswith("output"))
+
+
+def _entry(row: str, column: str) -> str:
+    """The name of an entry of C.
+
+    >>> _entry("x", "y"), _entry("wheel 1", "wheel 2")
+    ('xy', 'wheel 1_wheel 2')
+    """
+    return f"{row}{column}" if max(len(row), len(column)) < 2 else f"{row}_{column}"
 
 
 def _labels(kind: str, campaign) -> tuple[str, ...]:
