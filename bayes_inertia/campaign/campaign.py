@@ -145,13 +145,18 @@ class Campaign:
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         self._check_devices()
-        former = () if self.prior is None else self.prior.learnt_from
         for slew in self.slews:
             self._check_slew(slew)
             self._check_inputs(slew)
-            twice = bool(former) and slew.digest in former
+        if self.prior is not None and self.prior.learnt_from:
+            self._refuse_twice(self.prior.learnt_from)
+
+    def _refuse_twice(self, former: tuple[str, ...]) -> None:
+        """Refuse slews that a former result was learnt from, by their digests."""
+        for slew, digest in zip(self.slews, self.slew_digests["own"], strict=True):
             what = "the former result holds this telemetry already: it would count twice"
-            require(not twice, f"slews.{slew.name}", what, "give a campaign that is not in it")
+            advice = "give a campaign that is not in it"
+            require(digest not in former, f"slews.{slew.name}", what, advice)
 
     def _check_devices(self) -> None:
         for name, sensor in self.more_sensors:

@@ -35,7 +35,7 @@ from bayes_inertia.physics.slew_input import without_slow_error
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
-class _Tangents(NamedTuple):
+class _SensorTangents(NamedTuple):
     """One channel's readings, their rows of the grid (slews, rows), and how they follow the start.
 
     `by_start` (slews, rows, components, 6): in sigmas per change of the start state.
@@ -93,7 +93,7 @@ class TorqueResponse:
             signals["body_torque"] = -_along(axes_B, delivered) - gyroscopic
         torque_B = signals.pop("body_torque", None)
         starts = [] if torque_B is None else self._starts(torque_B)
-        channels = zip(model.channels, self.estimate.white, self._tangents, strict=True)
+        channels = zip(model.channels, self.estimate.white, self._sensor_tangents, strict=True)
         for channel, white, (fit, rows, by_start) in channels:
             columns = np.zeros((*np.shape(fit.readings.valid), count))
             for k, start in enumerate(starts):
@@ -110,7 +110,7 @@ class TorqueResponse:
         return np.concatenate(parts, 1)
 
     @cached_property
-    def _tangents(self) -> list[_Tangents]:
+    def _sensor_tangents(self) -> list[_SensorTangents]:
         """How each channel's predictions follow the start state."""
         estimate, found = self.estimate, []
         model, slews = estimate.model, np.arange(len(self.time))[:, None]
@@ -121,7 +121,7 @@ class TorqueResponse:
             fit = SensorAtFit(model.campaign, estimate.theta, readings, np.asarray(white.factors))
             moved = self.transition[slews, rows]
             by_start = channel.whitened_motion(fit, moved[:, :, :3], moved[:, :, 3:])
-            found.append(_Tangents(fit, rows, by_start))
+            found.append(_SensorTangents(fit, rows, by_start))
         return found
 
     @cached_property

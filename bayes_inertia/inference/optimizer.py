@@ -183,7 +183,7 @@ def _with_finite_telemetry(previous: Estimate, theta: np.ndarray) -> Point:
     point, model, back = previous.point, previous.model, theta - previous.theta
     back[list(model.structure.hyperparameters)] = 0.0
     for halvings in range(LIMITS.halvings):
-        at = replace(point, theta=theta if not halvings else theta - back * (1.0 - 0.5**halvings))
+        at = replace(point, theta=theta - back * (1.0 - 0.5**halvings))
         if np.isfinite(negative_log_posterior(model, at, previous.white)):
             return at
     return replace(point, theta=theta - back)

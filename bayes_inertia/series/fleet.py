@@ -47,9 +47,11 @@ class FleetSettings:
     # Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
     spread_of_spread: float = 2.0
     walkers: int = 32  # of the ensemble; the density has a dimension a parameter, and one mode
-    # Steps, and draws that are kept: as many spacecraft times draws, for of few spacecraft the
-    # spread is known to a factor alone, and its long tails need them.
+    # Steps of each walker, and draws that are kept. Of few spacecraft the spread has long tails,
+    # which need many; each costs as much as there are spacecraft, whose product with draws is this
+    # within the two ends.
     spacecraft_times_draws: int = 80_000
+    least_draws: int = 400
     most_draws: int = 2000
     burn: float = 0.375  # of the steps, before
     seed: int = 0  # what reproduces the draws
@@ -325,7 +327,8 @@ def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
         settings.walkers, told.unit.size, log_density, vectorize=True, moves=moves
     )
     state = np.random.MT19937(settings.seed).state
-    draws = min(settings.spacecraft_times_draws // len(told.data), settings.most_draws)
+    affordable = settings.spacecraft_times_draws // len(told.data)
+    draws = min(max(affordable, settings.least_draws), settings.most_draws)
     burn = int(settings.burn * draws)
     sampler.run_mcmc(emcee.State(start, random_state=state), burn + draws)
     chain = sampler.get_chain(discard=burn, flat=True)

@@ -160,7 +160,7 @@ class History:
     mean, sd : (n, p) arrays
         J [kg m^2] and K at each campaign, from all campaigns.
     alone, alone_sd : (n, p) arrays
-        From each campaign alone, with the prior of the first.
+        From each campaign alone, with the prior that the first states; with no former posterior.
     jumps : tuple of SeenJump
         The most probable first; improbable ones are among them.
     wanders : dict of str to float

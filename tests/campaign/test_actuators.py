@@ -12,6 +12,7 @@ from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magne
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew_parts import parts_of
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.forward_model import Model
@@ -133,6 +134,11 @@ def test_a_locked_wheel_is_a_part_of_the_body():
     )
     assert replace(locked, slews=unread).has_tachometers
     assert not replace(campaign, slews=unread).has_tachometers
+    # A result of it is learnt from what a model takes: the slews without the wheel.
+    prior = GaussianPrior(("Jxx",), [1.0], [[0.01]], learnt_from=locked.slew_digests["own"][1:])
+    with pytest.raises(CampaignError, match="holds this telemetry already"):
+        replace(locked, prior=prior)
+    assert replace(campaign, prior=prior).prior.learnt_from
     assert Model(campaign).campaign is campaign
     none = replace(campaign, wheels=tuple(replace(w, state="locked") for w in campaign.wheels))
     assert none.without_locked_wheels().slews[0].wheel_momentum is None

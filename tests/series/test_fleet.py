@@ -13,7 +13,7 @@ from bayes_inertia.series.fleet import FleetSettings, _Told, fleet_of
 from bayes_inertia.series.history import history_of, unit_of
 
 SPREAD = np.repeat([2.4 * 3e-3, 3e-3], [6, 3])
-SHORT = FleetSettings(walkers=32, most_draws=150, burn=100.0 / 150.0)
+SHORT = FleetSettings(walkers=32, least_draws=150, most_draws=150, burn=100.0 / 150.0)
 
 
 def flown(crafts: int, seed: int, spread: np.ndarray = SPREAD, n: int = 9):
@@ -68,6 +68,12 @@ def test_sisters_make_a_craft_known_better_where_its_own_data_are_poor():
     assert np.median(alone[:, 3:6] / fleet.craft_sd[:, 3:6]) > 2.0
     # An average over the spread may widen single elements, but no craft as a whole.
     assert np.all(np.median(alone / fleet.craft_sd, axis=1) > 1.0)
+
+
+def test_a_fleet_of_very_many_spacecraft_is_still_sampled_for_long_enough():
+    _, told = flown(3, 6)
+    costly = replace(SHORT, spacecraft_times_draws=1)
+    assert fleet_of(told, costly) == fleet_of(told, SHORT)
 
 
 @pytest.mark.slow

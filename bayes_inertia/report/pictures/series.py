@@ -89,7 +89,7 @@ def fleet_panel(axes: Axes, fleet: Fleet, k: int) -> np.ndarray:
     axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
     _labels(axes, k, fleet.mean.size, center, power)
     axes.set_xticks([])
-    axes.set_xlabel("spacecraft, in order")
+    axes.set_xlabel("spacecraft, the smallest first")
     return order
 
 
