@@ -47,7 +47,7 @@ from bayes_inertia.report.series_sections import (
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_told, told_by_craft
 from bayes_inertia.series.history import OF_PART, History, history_told
-from bayes_inertia.series.sources import FITS_FILE, Told, told_by
+from bayes_inertia.series.sources import FIT_MANY_FILE, FITS_FILE, Told, told_by
 from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
@@ -185,7 +185,7 @@ def fit_many(
     result = execution.run(work, out)
     if result.rows:
         _write_table(result, out / FITS_FILE)
-    write_json(out / "fit_many.json", fits_json(result))
+    write_json(out / FIT_MANY_FILE, fits_json(result))
     return result
 
 
@@ -244,6 +244,7 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
         row |= {f"{name}_{key}": moment.get(key) for key in ("quoted_sd", "robust_sd")}
     # What `history` and `fleet` read.
     row["likelihood"] = json.dumps(summary["likelihood"])
+    row["includes_wheel_spin"] = summary["includes_wheel_spin"]
     chi2 = summary["fit"]["reduced_chi2"]
     row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
     row["n_data"] = summary["fit"]["n_data"]

@@ -17,7 +17,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.printed import listed
 from bayes_inertia.sealing import read_sealed_json
 
-FITS_FILE = "fits.parquet"
+FITS_FILE, FIT_MANY_FILE = "fits.parquet", "fit_many.json"
 Source = Posterior | str | Path
 _AGAIN = "write it again with `bayes-inertia resume RUN`"
 
@@ -64,13 +64,18 @@ def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | No
 
 
 def _of_many(fits: Path) -> list[Told]:
-    """What every campaign of `fit-many` tells."""
+    """What every campaign of `fit-many` tells; those that could not be fitted tell nothing."""
     path = fits / FITS_FILE
     pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
-    return [
-        Told(row["campaign"], _summary(_likelihood_in(row), fits))
+    told = [
+        Told(row["campaign"], _summary(_likelihood_in(row), fits), row.get("includes_wheel_spin"))
         for row in pq.read_table(path).to_pylist()
     ]
+    overview = fits / FIT_MANY_FILE
+    advice = "run `fit-many` again: what is fitted stays"
+    failures = read_sealed_json(overview, advice)["failures"] if overview.is_file() else ()
+    told += [Told(failure["campaign"], None) for failure in failures]
+    return sorted(told, key=lambda one: one.campaign)
 
 
 def _likelihood_in(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -125,6 +125,18 @@ def fits_in(folder, likelihoods: dict[str, object], **more):
     return folder
 
 
+def test_a_fit_of_many_says_which_campaigns_count_in_nothing(tmp_path):
+    rng = np.random.default_rng(6)
+    told = {f"craft_{k}/c": campaign_of(PRIOR_MEAN, rng).json() for k in range(3)}
+    fits = fits_in(tmp_path / "fits", told)
+    failure = {"campaign": "craft_1/broken", "error": "CampaignError", "reason": "no column time"}
+    write_json(fits / "fit_many.json", {"campaigns": [], "failures": [failure]})
+    assert bi.fleet(fits).left_out == bi.history(fits).left_out == ("craft_1/broken",)
+    mixed = fits_in(tmp_path / "mixed", told, includes_wheel_spin=[True, None, False])
+    with pytest.raises(bi.CampaignError, match="some results hold the wheels' spin inertia in J"):
+        bi.fleet(mixed)
+
+
 def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
     rng = np.random.default_rng(5)
     truth = PRIOR_MEAN + 5e-3 * rng.standard_normal((3, 9))

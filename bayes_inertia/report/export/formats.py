@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
+from unicodedata import combining, normalize
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import templates_in
 
 _TEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
+# What no decomposition of Unicode turns into ASCII.
+_IN_ASCII = str.maketrans({"ß": "ss", "µ": "u", "°": " deg", "×": "x", "–": "-", "−": "-"})
 _COLUMNS = (
     "parameter",
     "unit",
@@ -223,10 +226,12 @@ def comment_lines(result: ExportedResult, *more: str) -> list[str]:
 def one_line(text: str) -> str:
     """A text as one line of at most 200 printable ASCII letters: no name can end a comment.
 
-    >>> one_line("a\\nb µ")
-    'a b ?'
+    >>> one_line("a\\nb Größe é ° 卫")
+    'a b Grosse e deg ?'
     """
-    shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in " ".join(text.split()))
+    plain = normalize("NFKD", " ".join(text.translate(_IN_ASCII).split()))
+    letters = (c for c in plain if not combining(c))
+    shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in letters)
     most = LAYOUT.comment_line
     return shown if len(shown) <= most else f"{shown[: most - 6]} [...]"
 
