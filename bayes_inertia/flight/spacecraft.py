@@ -20,9 +20,11 @@ from bayes_inertia.campaign.hardware import (
     one_an_axis,
     require_positive,
 )
+from bayes_inertia.errors import members, require_kind
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
+from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -44,8 +46,8 @@ class Spacecraft:
         None for a spacecraft without one.
     bias : tuple of float, optional
         True rate bias [rad/s]; None draws it from the sensor's prior in every flight.
-    effects : tuple of Effect
-        What else acts.
+    effects : tuple of Effect or str
+        What else acts, or its names as at the command line.
     values : dict
         {effect: {parameter: value}}, how strongly.
     more_sensors, names, reference : optional
@@ -61,7 +63,7 @@ class Spacecraft:
     Raises
     ------
     CampaignError
-        If no body has this inertia tensor.
+        If no body has this inertia tensor, or a wheel or sensor is none.
     EffectError
         If an effect has no values.
 
@@ -89,13 +91,15 @@ class Spacecraft:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia_B", InertiaPrior(self.inertia_B, 1.0, 1.0).tensor)
+        require_kind(self.rate_sensor, RateSensor | None, "rate_sensor")
+        require_kind(self.star_tracker, StarTracker | None, "star_tracker")
         axes = len(self.rate_sensor.axes) if self.rate_sensor else 0
         factors = one_an_axis(self.scale_factor, axes, "scale_factor") if axes else ()
         object.__setattr__(self, "scale_factor", factors)
         if self.bias is not None and axes:
             object.__setattr__(self, "bias", one_an_axis(self.bias, axes, "bias"))
-        object.__setattr__(self, "wheels", tuple(self.wheels))
-        object.__setattr__(self, "effects", tuple(self.effects))
+        object.__setattr__(self, "wheels", members(self.wheels, Wheel, "wheels"))
+        object.__setattr__(self, "effects", effects_named(self.effects))
         for effect in self.effects:
             advice = "give values = {effect name: {parameter: value}}"
             require_of_effect(effect.name in self.values, effect, "has no values", advice)

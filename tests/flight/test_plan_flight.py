@@ -16,7 +16,7 @@ from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import flown_margins, planned_margins
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.errors import BayesInertiaError, CampaignError, EffectError
 from bayes_inertia.flight.mission import devices_at_rest, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
@@ -25,9 +25,6 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import (
-    MagneticDipole,
-)
 from bayes_inertia.physics.parameters import Normal, scalar
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -187,7 +184,16 @@ def test_what_cannot_be_flown_is_said(mission, craft):
     plan = Plan("one", (PlannedSlew((0.0, 0.0, 1.0), math.radians(20.0)),))
     with pytest.raises(EffectError, match="has no values"):
         replace(craft, effects=(Push(),))
-    dipole = replace(craft, effects=(MagneticDipole(),), values={"magnetic_dipole": {}})
+    for given, says in (
+        ({"effects": ("magnetic_dipol",)}, "no effect of this name: 'magnetic_dipol'; perhaps mag"),
+        ({"effects": ("magnetic_dipole",)}, "magnetic_dipole: has no values"),
+        ({"wheels": (0.1,)}, "wheels: a float is no Wheel; give a Wheel"),
+        ({"rate_sensor": 2e-5}, "rate_sensor: a float is no RateSensor"),
+        ({"star_tracker": 1e-5}, "star_tracker: a float is no StarTracker"),
+    ):
+        with pytest.raises(BayesInertiaError, match=says):
+            replace(craft, **given)
+    dipole = replace(craft, effects=("magnetic_dipole",), values={"magnetic_dipole": {}})
     with pytest.raises(EffectError, match=r"give the plan an \[orbit\]"):
         fly(plan, replace(mission, spacecraft=dipole), 0)
     with pytest.raises(CampaignError, match="2 momenta for 3 wheels"):
