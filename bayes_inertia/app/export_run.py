@@ -60,7 +60,7 @@ def export(
     Parameters
     ----------
     result : Posterior, str or Path
-        A fit, or the folder of a finished run.
+        A fit, its posterior.nc, or the folder of a finished run.
     path : str or Path
         The file; replaced if it exists.
     to : {"acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"}
@@ -117,6 +117,8 @@ def exported_result(
     where the result is not trusted.
     """
     require_kind(campaign, Campaign | None, "campaign")
+    if not isinstance(source, Posterior) and path_of(source, "result").is_file():
+        source = Posterior.load(source)
     if isinstance(source, Posterior):
         _require_fitted(source, campaign)
         return _exported(source, campaign, with_correction, progress)

@@ -271,7 +271,7 @@ def _times(time: Any, n: int) -> np.ndarray:
     """When each of n campaigns was flown."""
     when = moments(time, "time", "give datetimes or numbers")
     fits = when.shape == (n,) and when.dtype.kind in "Miuf"
-    advice = "give a datetime or a number for each campaign"
+    advice = "give a datetime or a number for each campaign; `pandas.to_datetime` reads texts"
     require(fits, "time", f"shape {when.shape} of {when.dtype} for {n} campaigns", advice)
     later = bool((when[1:] > when[:-1]).all())
     what, advice = "times do not increase", "give campaigns in the order flown, with their times"

@@ -356,8 +356,9 @@ def test_a_fit_is_exported_as_its_run_is(with_attributes, run, tmp_path, to):
     bi.export(run, tmp_path / "run", to)
     bi.export(with_attributes(), tmp_path / "campaign", to, campaign=campaign)
     assert bi.export(states_spin, str(tmp_path / "fit"), to) == tmp_path / "fit"
-    told = [body((tmp_path / name).read_text()) for name in ("run", "campaign", "fit")]
-    assert told[0] == told[1] == told[2]
+    bi.export(states_spin.save(tmp_path / "fit.nc"), tmp_path / "file", to)
+    told = [body((tmp_path / name).read_text()) for name in ("run", "campaign", "fit", "file")]
+    assert told[0] == told[1] == told[2] == told[3]
     assert len(told[0]) > 5
 
 
