@@ -15,7 +15,7 @@ import numpy as np
 from bayes_inertia.campaign.hardware import (
     numbers,
     one_an_axis,
-    require,
+    require_key,
     require_name,
     require_positive,
     require_sd,
@@ -58,7 +58,7 @@ class KnownTorque:
         _check(self)
         known = self.frame in ("body", "inertial")
         what = f"{self.frame!r} is unknown"
-        require(known, f"actuators.{self.name}.frame", what, "choose body or inertial")
+        require_key(known, f"actuators.{self.name}.frame", what, "choose body or inertial")
 
 
 @array_dataclass
@@ -195,11 +195,11 @@ class GimballedRotors:
         gimbal = _unit_vectors(self.gimbal_axes_B, f"{key}.gimbal_axes")
         spin = _unit_vectors(self.spin_axes_at_zero_B, f"{key}.spin_axes_at_zero")
         pairs = f"{len(gimbal)} gimbal axes and {len(spin)} spin axes"
-        require(len(gimbal) == len(spin), f"{key}.spin_axes_at_zero", pairs, "give one a rotor")
+        require_key(len(gimbal) == len(spin), f"{key}.spin_axes_at_zero", pairs, "give one a rotor")
         slanted = float(np.abs(np.sum(gimbal * spin, axis=1)).max())
         what = f"a spin axis leans {np.degrees(np.arcsin(slanted)):.2g} deg towards its gimbal axis"
         advice = "give each at right angles to its gimbal axis"
-        require(slanted < 0.01, f"{key}.spin_axes_at_zero", what, advice)
+        require_key(slanted < 0.01, f"{key}.spin_axes_at_zero", what, advice)
         lean = np.sum(gimbal * spin, axis=1, keepdims=True) * gimbal
         object.__setattr__(self, "gimbal_axes_B", gimbal)
         object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean))
@@ -272,7 +272,7 @@ class Change:
         object.__setattr__(self, "time", on_campaign_clock(self.time, f"{key}.time"))
         require_positive(self.sigma_fraction, f"{key}.sigma_fraction")
         known = self.part == "inertia"
-        require(known, f"{key}.part", f"{self.part!r} is unknown", 'write "inertia"')
+        require_key(known, f"{key}.part", f"{self.part!r} is unknown", 'write "inertia"')
 
 
 def _check(device: Any) -> None:
@@ -287,7 +287,9 @@ def _vectors(value: Any, key: str) -> np.ndarray:
     vectors = numbers(value, key)
     good = vectors.ndim == 2 and vectors.shape[1] == 3 and len(vectors) > 0
     good = good and bool(np.isfinite(vectors).all())
-    require(good, key, f"shape {vectors.shape} is no list of vectors", "give three numbers each")
+    require_key(
+        good, key, f"shape {vectors.shape} is no list of vectors", "give three numbers each"
+    )
     return vectors
 
 
@@ -296,5 +298,7 @@ def _unit_vectors(value: Any, key: str) -> np.ndarray:
     vectors = _vectors(value, key)
     lengths = np.linalg.norm(vectors, axis=1)
     what = f"vectors of lengths {np.round(lengths, 4).tolist()}"
-    require(bool((abs(lengths - 1.0) < 0.01).all()), key, what, "give unit vectors in body axes")
+    require_key(
+        bool((abs(lengths - 1.0) < 0.01).all()), key, what, "give unit vectors in body axes"
+    )
     return unit_length(vectors)

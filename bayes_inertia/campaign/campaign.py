@@ -18,15 +18,14 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
     attitude_noise,
-    members,
     pairs,
     rate_noise,
-    require,
+    require_key,
 )
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew, require_quaternions, utc_of
-from bayes_inertia.errors import kind_of, require_kind
+from bayes_inertia.errors import kind_of, members, require_kind
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
@@ -129,7 +128,7 @@ class Campaign:
     def __post_init__(self) -> None:
         require_kind(self.name, str, "key name")
         for key, kind in _MEMBERS.items():
-            object.__setattr__(self, key, members(key, getattr(self, key), kind))
+            object.__setattr__(self, key, members(getattr(self, key), kind, f"key {key}"))
         for key in ("mission", "more_sensors"):
             object.__setattr__(self, key, pairs(key, getattr(self, key)))
         for key, kind in _KINDS.items():
@@ -140,7 +139,7 @@ class Campaign:
             prior = self.prior.with_wheel_spin(self.wheel_spin, included)
             object.__setattr__(self, "prior", prior)
         advice = "list at least one [[slews]] table"
-        require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
+        require_key(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _ = self.begin_utc  # an epoch that is no date is refused now
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
@@ -156,7 +155,7 @@ class Campaign:
         for slew, digest in zip(self.slews, self.slew_digests["own"], strict=True):
             what = "the former result holds this telemetry already: it would count twice"
             advice = "give a campaign that is not in it"
-            require(digest not in former, f"slews.{slew.name}", what, advice)
+            require_key(digest not in former, f"slews.{slew.name}", what, advice)
 
     def _check_devices(self) -> None:
         for name, sensor in self.more_sensors:
@@ -164,22 +163,24 @@ class Campaign:
             known = known or hasattr(sensor, "stream")
             what = f"{kind_of(sensor)} is no kind of sensor"
             advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
-            require(known, f"more_sensors.{name}", what, advice)
+            require_key(known, f"more_sensors.{name}", what, advice)
         for key in ("rate_sensor", "star_tracker"):
             # Frames need a reference; effects turn the one against the other.
             turned = getattr(getattr(self, key), "mounting_sigma", None) is not None
             advice = f"state it of a further sensor, or fit the effect {key}_misalignment"
             what = "the first sensor of a kind is the reference of frames"
-            require(not turned, f"{key}.mounting_sigma", what, advice)
+            require_key(not turned, f"{key}.mounting_sigma", what, advice)
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
-        given = members("names", self.names, str)
-        require(len(given) == 2, "names", f"{given!r} are not two", "name rate sensor and tracker")
+        given = members(self.names, str, "key names")
+        require_key(
+            len(given) == 2, "names", f"{given!r} are not two", "name rate sensor and tracker"
+        )
         object.__setattr__(self, "names", given)
         _require_different("sensors", [*(name for name, _ in self._each_sensor()), *names])
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
-        require(known, "reference", what, advice)
+        require_key(known, "reference", what, advice)
 
     def _check_slew(self, slew: Slew) -> None:
         where = f"slews.{slew.name}"
@@ -188,57 +189,57 @@ class Campaign:
             if values is not None:
                 what = f"{values.shape[1]} columns for {len(self.wheels)} wheels"
                 one_a_wheel = values.shape[1] == len(self.wheels)
-                require(one_a_wheel, f"{where}.{key}", what, "give one a wheel")
+                require_key(one_a_wheel, f"{where}.{key}", what, "give one a wheel")
         finite = slew.wheel_torque is None or bool(np.isfinite(slew.wheel_torque).all())
         advice = "the simulator needs every wheel at every row: "
         advice += "repair the row or leave the columns out"
-        require(finite, f"{where}.wheel_torque", "a torque is not a number", advice)
+        require_key(finite, f"{where}.wheel_torque", "a torque is not a number", advice)
         self._check_rates(slew)
         sensors = dict(self.more_sensors)
         unknown = sorted(set(slew.more or ()) - set(sensors))
         what = f"readings of {unknown[:1]}, which no sensor has"
-        require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
+        require_key(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
         for name, readings in (slew.more or {}).items():
             _require_readings(readings, sensors[name], f"{where}.more.{name}")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
         what = "an attitude without a star tracker"
         advice = "add [star_tracker] with its sigmas"
-        require(self.star_tracker is not None or not has_fix, f"{where}.attitude", what, advice)
+        require_key(self.star_tracker is not None or not has_fix, f"{where}.attitude", what, advice)
 
     def _check_inputs(self, slew: Slew) -> None:
         for device in self.actuators:
             key = f"slews.{slew.name}.inputs.{device.name}"
             given = (slew.inputs or {}).get(device.name)
             advice = "give what the device was told, zeros where it was off"
-            require(given is not None, key, "no input of this device", advice)
+            require_key(given is not None, key, "no input of this device", advice)
             assert given is not None
             what = f"{given.width} numbers a reading, not {device.columns}"
-            require(given.width == device.columns, key, what, "give one a column of the device")
+            require_key(given.width == device.columns, key, what, "give one a column of the device")
             pulses = given.between == "on_time" and not isinstance(device, Thruster)
             what = f"on-times of a {type(device).__name__}"
-            require(not pulses, key, what, "only thrusters have on-times: hold, line or mean")
+            require_key(not pulses, key, what, "only thrusters have on-times: hold, line or mean")
             level = isinstance(device, Thruster) and given.between != "on_time"
             largest = float(np.abs(given.values).max()) if level else 0.0
             what = f"a level of {largest:.4g} times full thrust"
             advice = 'give shares of full thrust, 0 to 1; per cent have the unit "%"'
-            require(largest <= LIMITS.largest_level, key, what, advice)
+            require_key(largest <= LIMITS.largest_level, key, what, advice)
             field = isinstance(device, Magnetorquer) and slew.magnetic_field_N is None
             advice = "add the magnetic_field columns, in inertial axes"
             what = "the magnetic field, without which a dipole has no torque, is absent"
-            require(not field, f"slews.{slew.name}.magnetic_field", what, advice)
+            require_key(not field, f"slews.{slew.name}.magnetic_field", what, advice)
 
     def _check_rates(self, slew: Slew) -> None:
         key, sensor = f"slews.{slew.name}.rate", self.rate_sensor
         if sensor is None:
             advice = "add the rate sensor, or leave the rates out"
-            require(slew.rate is None, key, "rates without a rate sensor", advice)
+            require_key(slew.rate is None, key, "rates without a rate sensor", advice)
             fixes = attitudes_seen(self, slew)[0]
             what = "neither a rate sensor nor two attitudes tell how the body turned"
-            require(len(fixes) > 1, f"slews.{slew.name}", what, "add what measured the motion")
+            require_key(len(fixes) > 1, f"slews.{slew.name}", what, "add what measured the motion")
             return
         what = "no rate-sensor columns"
         advice = "name its columns under columns.rate, or leave the rate sensor out"
-        require(slew.rate is not None, key, what, advice)
+        require_key(slew.rate is not None, key, what, advice)
         _require_readings(np.asarray(slew.rate), sensor, key)
 
     @property
@@ -354,12 +355,12 @@ class Campaign:
         CampaignError
             If there is no such slew, or none is asked for.
         """
-        chosen = members("indices", indices, int | np.integer)
+        chosen = members(indices, int | np.integer, "key indices")
         count = len(self.slews)
         for k in chosen:
             known = not isinstance(k, bool) and -count <= k < count
             advice = f"give numbers from 0 to {count - 1}"
-            require(known, "indices", f"there is no slew {k!r}", advice)
+            require_key(known, "indices", f"there is no slew {k!r}", advice)
         slews = tuple(self.slews[k] for k in chosen)
         kept = {"", *(slew.name for slew in slews)}
         return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
@@ -457,7 +458,7 @@ class Campaign:
         axes = len(self.rate_sensor.axes) if self.rate_sensor else 0
         what = f"a rate sensor of three axes is needed to fly a plan; this campaign's has {axes}"
         advice = "`fit`, `diagnose`, `observe` and `doctor` take any set of sensors"
-        require(axes == 3, "rate_sensor.axes", what, advice)
+        require_key(axes == 3, "rate_sensor.axes", what, advice)
         return self.gyro
 
     @property
@@ -491,7 +492,7 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
     columns, wanted = readings.shape[1], getattr(sensor, "columns", None)
     what = f"{columns} columns for {kind_of(sensor)} of {wanted}"
     advice = "give one column a sensor axis, four a quaternion, three a direction"
-    require(wanted in (None, columns), key, what, advice)
+    require_key(wanted in (None, columns), key, what, advice)
     if isinstance(sensor, StarTracker):
         require_quaternions(readings, key)
 
@@ -515,4 +516,4 @@ def _require_different(key: str, names: list[str]) -> None:
     """Raise `CampaignError` if a name is used twice."""
     doubled = sorted({name for name in names if names.count(name) > 1})
     what = f"the name {doubled[:1]} is used twice"
-    require(not doubled, key, what, "give each its own name")
+    require_key(not doubled, key, what, "give each its own name")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import require_key
 from bayes_inertia.campaign.schema import FORMAT_2, Names, Part
 from bayes_inertia.errors import CampaignError
 
@@ -83,10 +83,10 @@ def upgrade(content: Mapping[str, Any]) -> dict[str, Any]:
         count = len(columns[key]["names"])
         what = f"{count} column(s) for {len(actuators)} [[wheels]]"
         advice = "name one column a wheel, in the same order"
-        require(count == len(actuators), f"columns.{key}.names", what, advice)
+        require_key(count == len(actuators), f"columns.{key}.names", what, advice)
     tracked = "attitude" not in columns or "star_tracker" in content
     advice = "add [star_tracker] with boresight and sigmas, or leave the columns out"
-    require(tracked, "columns.attitude", "no [star_tracker]", advice)
+    require_key(tracked, "columns.attitude", "no [star_tracker]", advice)
     sensors = []
     for kind, table in _SENSORS.items():
         if table in content or kind in columns:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 
 from bayes_inertia import errors
-from bayes_inertia.errors import kind_of, require_kind
+from bayes_inertia.errors import kind_of, members, require_kind
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths import values
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
@@ -20,7 +20,7 @@ from bayes_inertia.maths.values import Vector, array_dataclass, plain_array
 Numbers = tuple[float, ...]
 
 
-def require(condition: bool, key: str, what: str, advice: str) -> None:
+def require_key(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds."""
     errors.require(condition, f"key {key}", what, advice)
 
@@ -36,34 +36,29 @@ def numbers(
 
 def require_name(value: Any, key: str) -> None:
     """Raise an error unless a name is a text."""
-    require(isinstance(value, str), key, f"{value!r} is no name", "give a text")
+    require_key(isinstance(value, str), key, f"{value!r} is no name", "give a text")
 
 
 def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
     """What is listed by name, or `CampaignError`."""
-    found = members(key, given, object)
+    found = members(given, object, f"key {key}")
     for pair in found:
         named = isinstance(pair, tuple | list) and len(pair) == 2
         named = named and isinstance(pair[0], str) and bool(pair[0])
         what = f"{kind_of(pair)} is no pair of a name and what it names"
-        require(named, key, what, 'list each as ("NAME", ...), or give a dictionary')
+        require_key(named, key, what, 'list each as ("NAME", ...), or give a dictionary')
     return tuple(map(tuple, found))
-
-
-def members(key: str, given: Any, kind: Any) -> tuple[Any, ...]:
-    """What is listed, all of one kind, or `CampaignError`; of a dictionary its pairs."""
-    return errors.members(given, kind, f"key {key}")
 
 
 def unit_vector(value: Any, key: str) -> Vector:
     """Three numbers whose length is 1 to within a percent, as plain floats of length 1."""
     array = numbers(value, key)
     is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
-    require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
+    require_key(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
     norm = math.hypot(*array.tolist())
     what = f"the vector has length {norm:.6g}, not 1"
     advice = "give a unit vector in body axes"
-    require(abs(norm - 1.0) < 0.01, key, what, advice)
+    require_key(abs(norm - 1.0) < 0.01, key, what, advice)
     x, y, z = unit_length(array).tolist()
     return (x, y, z)
 
@@ -79,11 +74,11 @@ def one_an_axis(value: Any, axes: int, key: str, *, positive: bool = False) -> N
     array = np.atleast_1d(numbers(value, key))
     fits = array.shape in ((1,), (axes,))
     what = f"{value!r} is not one number, nor one for each of {axes} axes"
-    require(fits, key, what, f"give one number, or {axes}")
+    require_key(fits, key, what, f"give one number, or {axes}")
     finite = bool(np.all(np.isfinite(array)))
-    require(finite, key, f"{value!r} is not finite", "give finite numbers")
+    require_key(finite, key, f"{value!r} is not finite", "give finite numbers")
     good = not positive or bool((array > 0.0).all())
-    require(good, key, f"{value!r} is not positive", "give a positive number in SI units")
+    require_key(good, key, f"{value!r} is not positive", "give a positive number in SI units")
     return tuple(np.broadcast_to(array, (axes,)).tolist())
 
 
@@ -107,7 +102,7 @@ def require_number(
     given = plain_array(value, f"key {key}", advice)
     is_number = given.ndim == 0 and given.dtype.kind in "biuf"
     good = is_number and math.isfinite(given) and fits(float(given))
-    require(good, key, f"{value!r} {what}", advice)
+    require_key(good, key, f"{value!r} {what}", advice)
 
 
 @array_dataclass
@@ -165,17 +160,17 @@ def _require_physical(tensor: np.ndarray) -> None:
     """Raise `CampaignError` unless a body can have this tensor (3, 3)."""
     key = "inertia.tensor"
     shape = f"shape {tensor.shape} is not (3, 3)"
-    require(tensor.shape == (3, 3), key, shape, "give three rows of three numbers")
+    require_key(tensor.shape == (3, 3), key, shape, "give three rows of three numbers")
     finite = bool(np.all(np.isfinite(tensor)))
-    require(finite, key, "an element is not finite", "give finite numbers")
+    require_key(finite, key, "an element is not finite", "give finite numbers")
     symmetric = np.allclose(tensor, tensor.T, rtol=1e-9, atol=1e-9 * np.abs(tensor).max())
     advice = "give J[i][j] = J[j][i], products as tensor elements"
-    require(symmetric, key, "the tensor is not symmetric", advice)
+    require_key(symmetric, key, "the tensor is not symmetric", advice)
     moments = np.linalg.eigvalsh(tensor)
     body = bool(np.all(0.5 * moments.sum() > moments))  # second moments of mass are positive
     what = f"no body has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m^2"
     advice = "each must be positive and at most the sum of the other two: "
-    require(body, key, what, f"{advice}check the sign of the products and the units")
+    require_key(body, key, what, f"{advice}check the sign of the products and the units")
 
 
 WheelState = Literal["running", "free", "locked"]
@@ -228,7 +223,7 @@ class Wheel:
         states = get_args(WheelState)
         what = f"{self.state!r} is unknown"
         known = self.state in states
-        require(known, f"wheels.{self.name}.state", what, f"choose one of {', '.join(states)}")
+        require_key(known, f"wheels.{self.name}.state", what, f"choose one of {', '.join(states)}")
         object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"wheels.{self.name}.axis"))
         require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
         for key in ("max_torque", "max_momentum", "momentum_sigma"):
@@ -279,7 +274,7 @@ class CorrelatedNoise:
             object.__setattr__(self, key, stated)
         good, what = all(0.0 <= x <= 1.0 for x in self.share), f"{self.share} is no share"
         place = "rate_sensor.correlated_noise.share"
-        require(good, place, what, "give numbers between 0 and 1")
+        require_key(good, place, what, "give numbers between 0 and 1")
 
 
 def _of_axes(noise: CorrelatedNoise, axes: int) -> CorrelatedNoise:
@@ -366,7 +361,7 @@ class RateSensor:
         both = (self.bias_instability is None) == (self.bias_instability_time is None)
         what = "the sd and its correlation time belong together"
         advice = "give bias_instability [rad/s] and bias_instability_time [s], or neither"
-        require(both, "rate_sensor.bias_instability", what, advice)
+        require_key(both, "rate_sensor.bias_instability", what, advice)
 
     @property
     def columns(self) -> int:
@@ -401,15 +396,15 @@ def _require_independent_axes(axes: np.ndarray) -> None:
     key = "rate_sensor.axes"
     shape = f"shape {axes.shape} is not (axes, 3)"
     is_list = axes.ndim == 2 and axes.shape[1] == 3 and len(axes) > 0
-    require(is_list, key, shape, "give one row of three numbers a sensor axis")
+    require_key(is_list, key, shape, "give one row of three numbers a sensor axis")
     lengths = np.hypot.reduce(axes, axis=1)
     what = f"rows have lengths {np.round(lengths, 4).tolist()}"
     advice = "give unit vectors"
-    require(bool(np.all(np.abs(lengths - 1.0) < 0.01)), key, what, advice)
+    require_key(bool(np.all(np.abs(lengths - 1.0) < 0.01)), key, what, advice)
     # The volume that the axes span: of three, |det|.
     volume = float(np.sqrt(np.abs(np.linalg.det(axes.T @ axes)))) if len(axes) > 3 else 1.0
     volume = float(abs(np.linalg.det(axes))) if len(axes) == 3 else volume
-    require(volume > 1e-3, key, "the axes lie in one plane", "give three independent axes")
+    require_key(volume > 1e-3, key, "the axes lie in one plane", "give three independent axes")
 
 
 @dataclass(frozen=True)
@@ -502,11 +497,13 @@ class DirectionSensor:
     def __post_init__(self) -> None:
         key = "sensors.direction"
         what = f"{self.unit!r} is no unit of a direction"
-        require(self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing')
+        require_key(
+            self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing'
+        )
         sigma = one_an_axis(self.sigma, 3, f"{key}.sigma", positive=True)
         alike = self.is_field or len(set(sigma)) == 1
         what = "a direction has one noise about all axes across it"
-        require(alike, f"{key}.sigma", what, "give one number [rad]")
+        require_key(alike, f"{key}.sigma", what, "give one number [rad]")
         object.__setattr__(self, "sigma", sigma)
         require_positive(self.mounting_sigma, f"{key}.mounting_sigma", optional=True)
         for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
@@ -514,7 +511,7 @@ class DirectionSensor:
             require_sd(size, f"{key}.{name}")
             advice = 'leave it out, or give unit = "T"'
             own = self.is_field or size == 0.0
-            require(own, f"{key}.{name}", "only a magnetometer has it", advice)
+            require_key(own, f"{key}.{name}", "only a magnetometer has it", advice)
         if self.reference_N is not None:
             vector = np.array(one_an_axis(self.reference_N, 3, f"{key}.reference_N"))
             require_positive(float(np.linalg.norm(vector)), f"{key}.reference_N")

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import numbers, require
+from bayes_inertia.campaign.hardware import numbers, require_key
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 
@@ -58,16 +58,18 @@ class InputStream:
         values = values[:, None] if values.ndim == 1 else values
         known = self.between in get_args(Between)
         kinds = ", ".join(get_args(Between))
-        require(known, f"{key}.between", f"{self.between!r} is unknown", f"choose one of {kinds}")
+        require_key(
+            known, f"{key}.between", f"{self.between!r} is unknown", f"choose one of {kinds}"
+        )
         fits = time.ndim == 1 and values.ndim == 2 and len(time) == len(values) > 0
         what = f"values of shape {values.shape} for times of shape {time.shape}"
-        require(fits, f"{key}.values", what, "give (n,) times and (n, k) values, at least one")
+        require_key(fits, f"{key}.values", what, "give (n,) times and (n, k) values, at least one")
         finite = bool(np.isfinite(time).all() and np.isfinite(values).all())
         advice = "leave the row out, or repair it"
-        require(finite, key, "a time or a value is not a finite number", advice)
+        require_key(finite, key, "a time or a value is not a finite number", advice)
         increasing = bool(np.all(np.diff(time) > 0.0))
         what = "times do not increase strictly"
-        require(increasing, f"{key}.time", what, "sort the rows and drop duplicates")
+        require_key(increasing, f"{key}.time", what, "sort the rows and drop duplicates")
         if self.between == "on_time":
             _require_pulses(time, values, key)
         object.__setattr__(self, "time", time)
@@ -147,7 +149,7 @@ def held_integral(time: np.ndarray, values: np.ndarray, moments: np.ndarray) -> 
 def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     """Raise `CampaignError` unless on-times (n, k) are times that end before the next reading."""
     on = bool((values >= 0.0).all())
-    require(on, key, "an on-time is negative", "give the seconds that the device was on")
+    require_key(on, key, "an on-time is negative", "give the seconds that the device was on")
     if len(time) < 2:
         return
     step = np.diff(time)
@@ -156,4 +158,4 @@ def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     most = step[row] * (1.0 + 1e-6) + LIMITS.same_time * max(1.0, abs(float(time[-1])))
     advice = 'give one a command period, in the unit that is stated: unit = "ms" of milliseconds'
     what = f"the on-time {longest:.6g} s at {time[row]:.6g} s lasts beyond the next reading"
-    require(longest <= most, key, what, advice)
+    require_key(longest <= most, key, what, advice)

@@ -16,7 +16,7 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     Wheel,
-    require,
+    require_key,
 )
 from bayes_inertia.campaign.schema import FORMAT_2
 from bayes_inertia.campaign.sensors import FIRST
@@ -86,7 +86,7 @@ def _require_different(parsed: format_2.CampaignPart) -> None:
         names = [part.name for part in getattr(parsed, key)]
         for name in names:
             what, advice = "the name is used twice", "give each its own name"
-            require(names.count(name) == 1, f"{key}.{name}", what, advice)
+            require_key(names.count(name) == 1, f"{key}.{name}", what, advice)
 
 
 def _sensors(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _check_told_once(entries: Sequence[Entry]) -> None:
             path = entry.path_of(k)
             other = told.setdefault((entry.field, wheel), path)
             advice = "keep one of the two, they are the same measurement"
-            require(other == path, path, f"{other} is given too", advice)
+            require_key(other == path, path, f"{other} is given too", advice)
 
 
 def _check_names(slew: SlewPart, description: Description) -> None:
@@ -131,7 +131,7 @@ def _check_names(slew: SlewPart, description: Description) -> None:
 
 def _require_unused(place: tuple[Any, str], used: Mapping[tuple[Any, str], str], path: str) -> None:
     what = f"the column {place[1]!r} is already used by {used.get(place)}"
-    require(place not in used, f"{path}.names", what, "name each column once")
+    require_key(place not in used, f"{path}.names", what, "name each column once")
 
 
 def _reference(parsed: format_2.CampaignPart) -> str | None:
@@ -140,10 +140,10 @@ def _reference(parsed: format_2.CampaignPart) -> str | None:
     for part in given:
         place, what = f"sensors.{part.name}", f"{given[0].name} is the reference of frames too"
         only = part is given[0]
-        require(only, f"{place}.reference", what, "keep one: its axes are the body's")
+        require_key(only, f"{place}.reference", what, "keep one: its axes are the body's")
         what = "the reference of frames sits as it is stated"
         advice = "leave mounting_sigma out: its axes are the body's"
-        require(part.mounting_sigma is None, f"{place}.mounting_sigma", what, advice)
+        require_key(part.mounting_sigma is None, f"{place}.mounting_sigma", what, advice)
     return given[0].name if given else None
 
 
@@ -152,7 +152,7 @@ def _orbit(parsed: format_2.CampaignPart) -> tuple[str, str] | None:
     orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
     for part in orbits:
         what, advice = "position and magnetic field are given twice", "keep the orbit or columns"
-        require(len(parsed.environment) == 1, f"environment.{part.name}", what, advice)
+        require_key(len(parsed.environment) == 1, f"environment.{part.name}", what, advice)
     return (orbits[0].tle, orbits[0].epoch) if orbits else None
 
 
@@ -165,7 +165,7 @@ def _sensor(part: format_2.RateDevice | format_2.AttitudeDevice | format_2.Direc
         return built(StarTracker, part, "star_tracker", place)
     names, axes = len(part.rate.names), 3 if part.axes is None else len(part.axes)
     what, advice = f"{names} column(s) for {axes} axes", "name one column an axis, in their order"
-    require(names == axes, f"{place}.rate.names", what, advice)
+    require_key(names == axes, f"{place}.rate.names", what, advice)
     return built(RateSensor, part, "rate_sensor", place)
 
 
@@ -174,14 +174,14 @@ def _direction_sensor(part: format_2.DirectionDevice, place: str) -> DirectionSe
     unit, reference, fixed = part.direction.unit, part.reference, part.reference_N
     advice = "keep reference_N where it does not change, reference where it does"
     alone = reference is None or fixed is None
-    require(alone, f"{place}.reference", "reference_N is given too", advice)
+    require_key(alone, f"{place}.reference", "reference_N is given too", advice)
     what = "only one of reading and reference has it"
     advice = "give both in a unit such as T (a field), or none (a direction)"
     alike = reference is None or (unit is None) == (reference.unit is None)
-    require(alike, f"{place}.reference.unit", what, advice)
+    require_key(alike, f"{place}.reference.unit", what, advice)
     advice = "add reference_N = what it sees in inertial axes, or reference = { ... }"
     known = unit is not None or reference is not None or fixed is not None
-    require(known, f"{place}.reference_N", "missing key", advice)
+    require_key(known, f"{place}.reference_N", "missing key", advice)
     is_field = "" if unit is None else "T"
     return built(DirectionSensor, part, "sensors.direction", place, unit=is_field)
 
@@ -219,7 +219,7 @@ def _actuator(part: format_2.OtherActuator) -> actuators.Actuator:
     entry = _input_entry(part)
     names, columns = len(entry.columns.names), device.columns
     what, advice = f"{names} column(s) for {columns} of the device", "name one each, in their order"
-    require(names == columns, f"{entry.path}.names", what, advice)
+    require_key(names == columns, f"{entry.path}.names", what, advice)
     return device
 
 
@@ -228,14 +228,14 @@ def _change(part: format_2.ChangePart, slews: Sequence[SlewPart]) -> actuators.C
     place, starts = f"changes.{part.name}", {slew.name: slew.start for slew in slews}
     advice = "write slew = the name of the first slew after it, or time on the campaign's clock"
     one = (part.slew is None) != (part.time is None)
-    require(one, f"{place}.slew", "give one of slew and time", advice)
+    require_key(one, f"{place}.slew", "give one of slew and time", advice)
     what, advice = f"no slew is called {part.slew!r}", f"slews here: {', '.join(starts)}"
-    require(part.slew is None or part.slew in starts, f"{place}.slew", what, advice)
+    require_key(part.slew is None or part.slew in starts, f"{place}.slew", what, advice)
     time = part.time if part.time is not None else starts[part.slew or ""]
     what = "all slews are on one side of the change"
     advice = "give the first slew after the change; at least one must come before it"
     inside = min(starts.values()) < time <= max(starts.values())
-    require(inside, f"{place}.{'time' if part.slew is None else 'slew'}", what, advice)
+    require_key(inside, f"{place}.{'time' if part.slew is None else 'slew'}", what, advice)
     return actuators.Change(part.name, time, part.sigma_fraction, part.part)
 
 
@@ -252,8 +252,10 @@ def _input_entry(part: format_2.OtherActuator) -> Entry:
     place = f"actuators.{part.name}"
     keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
     advice = 'add on_time = { names = [...], unit = "s" }, or level = { ... }'
-    require(len(keys) > 0, f"{place}.on_time", "missing key", advice)
-    require(len(keys) == 1, f"{place}.{keys[-1]}", f"{keys[0]} is given too", "keep one of the two")
+    require_key(len(keys) > 0, f"{place}.on_time", "missing key", advice)
+    require_key(
+        len(keys) == 1, f"{place}.{keys[-1]}", f"{keys[0]} is given too", "keep one of the two"
+    )
     key = keys[0]
     return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
@@ -265,7 +267,7 @@ def _wheel(part: format_2.WheelDevice) -> Wheel:
     if part.speed is not None and part.speed.sigma is not None:
         more = {"momentum_sigma": part.speed.sigma * part.spin_inertia}
     once, advice = not more or part.momentum_sigma is None, "keep sigma of momentum or speed"
-    require(once, f"{place}.momentum_sigma", "the noise is given twice", advice)
+    require_key(once, f"{place}.momentum_sigma", "the noise is given twice", advice)
     return built(Wheel, part, f"wheels.{part.name}", place, **more)
 
 
@@ -298,11 +300,11 @@ def _check_wheels(wheels: Sequence[format_2.WheelDevice]) -> None:
         told = part.torque is not None or part.state in ("locked", "free") or not commanded
         what = f"missing key, but {first} has it"
         advice = "give the commands of every wheel, or leave all out: tachometers drive then"
-        require(told, place, what, advice)
+        require_key(told, place, what, advice)
         what = f"another table than that of {first}"
         advice = "put the commands of all wheels into one table, a row for each time"
         alike = part.torque is None or part.torque.stream == stream
-        require(alike, f"{place}.stream", what, advice)
+        require_key(alike, f"{place}.stream", what, advice)
 
 
 _TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
@@ -313,17 +315,17 @@ def _check_tables(part: SlewPart, entries: Sequence[Entry]) -> None:
     place, files = f"slews.{part.name}", part.files
     advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
     given = part.file is not None or files is not None
-    require(given, f"{place}.file", "missing key", advice)
+    require_key(given, f"{place}.file", "missing key", advice)
     advice = "keep file (one table) or files (one table a stream)"
     once = part.file is None or files is None
-    require(once, f"{place}.files", "file is given too", advice)
+    require_key(once, f"{place}.files", "file is given too", advice)
     what = f"{files!r} does not say where the stream's name goes"
     named = not isinstance(files, str) or "{stream}" in files
-    require(named, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
+    require_key(named, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
     advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
     for entry in entries:
         known = files is None or entry.columns.stream is not None
-        require(known, f"{entry.path}.stream", "missing key", advice)
+        require_key(known, f"{entry.path}.stream", "missing key", advice)
     _check_streams(part, entries, f"{place}.files")
 
 
@@ -332,13 +334,13 @@ def _check_streams(part: SlewPart, entries: Sequence[Entry], place: str) -> None
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))
     for stream in part.files if isinstance(part.files, dict) else ():
         what, advice = "nothing is read from this table", advice_on_key(stream, known)
-        require(stream in known, f"{place}.{stream}", what, advice)
+        require_key(stream in known, f"{place}.{stream}", what, advice)
     read = [entry for entry in entries if part.file_of(entry.columns) is not None]
     sensed = any(entry.path.startswith("sensors.") for entry in read)
     advice = "add the table of a sensor, or leave the slew out"
-    require(sensed, place, "no sensor has a table", advice)
+    require_key(sensed, place, "no sensor has a table", advice)
     for entry in entries:
         optional = entry.field != "rate" and not entry.field.startswith("inputs.")
         advice = f"add the table of {entry.path}, or leave the slew out"
         there = optional or entry in read
-        require(there, f"{place}.{entry.columns.stream}", "missing key", advice)
+        require_key(there, f"{place}.{entry.columns.stream}", "missing key", advice)

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_inertia import errors
-from bayes_inertia.campaign.hardware import members, numbers, one_an_axis, require, require_sd
+from bayes_inertia.campaign.hardware import numbers, one_an_axis, require_key, require_sd
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, members
 from bayes_inertia.files import path_of
 from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
@@ -101,7 +101,9 @@ class GaussianPrior:
     def __post_init__(self) -> None:
         key = "prior"
         for field in ("names", "logarithmic", "learnt_from"):
-            object.__setattr__(self, field, members(f"{key}.{field}", getattr(self, field), str))
+            object.__setattr__(
+                self, field, members(getattr(self, field), str, f"key {key}.{field}")
+            )
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
             if value is not None:
@@ -111,16 +113,18 @@ class GaussianPrior:
         vectors = (self.mean, self.lower, self.upper, self.beyond_sd)
         fits = all(x is None or x.shape == (k,) for x in vectors)
         fits = fits and self.covariance.shape == (k, k)
-        require(k > 0 and fits, key, f"{k} names do not fit the numbers", advice)
-        require(len(set(names)) == k, f"{key}.names", "a name is used twice", "give each once")
+        require_key(k > 0 and fits, key, f"{k} names do not fit the numbers", advice)
+        require_key(len(set(names)) == k, f"{key}.names", "a name is used twice", "give each once")
         unknown = [name for name in names if not _NAME.fullmatch(name)]
         what = f"{unknown[:1]} is no element of J and no scale factor"
         advice = f"choose among {', '.join(ELEMENTS)} and K1, K2, ..."
-        require(not unknown, f"{key}.names", what, advice)
+        require_key(not unknown, f"{key}.names", what, advice)
         known = set(self.logarithmic) <= set(names)
-        require(known, f"{key}.logarithmic", "names what has no mean", "name it under names too")
+        require_key(
+            known, f"{key}.logarithmic", "names what has no mean", "name it under names too"
+        )
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
-        require(finite, key, "a number is not finite", "give finite numbers")
+        require_key(finite, key, "a number is not finite", "give finite numbers")
         self._require_covariance(f"{key}.covariance")
         self._require_ends(key)
 
@@ -181,14 +185,16 @@ class GaussianPrior:
         scale_factors = np.atleast_1d(numbers(scale_factors, "prior.scale_factors"))
         known = len(scale_factors)
         what, advice = "there are no scale_factors that it belongs to", "give their medians, or 1"
-        require(known > 0 or scale_factors_sd is None, "prior.scale_factors_sd", what, advice)
+        require_key(known > 0 or scale_factors_sd is None, "prior.scale_factors_sd", what, advice)
         logarithmic: tuple[str, ...] = _MOMENTS
         names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
         covariance = np.zeros((6 + known, 6 + known))
         covariance[:6, :6] = np.cov(elements.T)
         mean = elements.mean(0)
         if known:
-            require(min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1")
+            require_key(
+                min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1"
+            )
             sd = 0.03 if scale_factors_sd is None else scale_factors_sd
             of_K = one_an_axis(sd, known, "prior.scale_factors_sd")
             covariance[6:, 6:] = np.diag(np.square(of_K))
@@ -201,26 +207,26 @@ class GaussianPrior:
         high = np.inf if self.upper is None else self.upper
         ordered = bool(np.all(np.less(low, high)))
         advice = "give lower < upper, infinite where there is no end"
-        require(ordered, f"{key}.lower", "no value lies between lower and upper", advice)
+        require_key(ordered, f"{key}.lower", "no value lies between lower and upper", advice)
         nearest = np.abs(np.clip(self.mean, low, high) - self.mean) / self.sd
         for name, away in zip(self.names, nearest.tolist(), strict=True):
             what = f"the ends of {name} leave out its mean and {away:.0f} sds around it"
             advice = "move the mean between them, or widen the covariance"
-            require(away <= LIMITS.ends_from_mean, key, what, advice)
+            require_key(away <= LIMITS.ends_from_mean, key, what, advice)
         beyond = np.zeros(1) if self.beyond_sd is None else self.beyond_sd
         good = bool(np.isfinite(beyond).all() and (beyond >= 0.0).all())
-        require(good, f"{key}.beyond_sd", "one is no sd", "give 0 or more")
+        require_key(good, f"{key}.beyond_sd", "one is no sd", "give 0 or more")
 
     def _require_covariance(self, key: str) -> None:
         C, variances = self.covariance, np.diag(self.covariance)
         positive = bool((variances > 0.0).all())
-        require(positive, key, "a variance is not above zero", "give squares of sds")
+        require_key(positive, key, "a variance is not above zero", "give squares of sds")
         scaled = C / np.sqrt(np.outer(variances, variances))
         symmetric = bool(np.allclose(scaled, scaled.T, rtol=0.0, atol=1e-9))
-        require(symmetric, key, "it is not symmetric", "give C[i][j] = C[j][i]")
+        require_key(symmetric, key, "it is not symmetric", "give C[i][j] = C[j][i]")
         definite = bool(np.linalg.eigvalsh(scaled)[0] > 0.0)
         advice = "no combination of parameters may be known exactly: widen it"
-        require(definite, key, "it is not positive definite", advice)
+        require_key(definite, key, "it is not positive definite", advice)
 
     @property
     def sd(self) -> np.ndarray:
@@ -276,7 +282,7 @@ class GaussianPrior:
             return self
         logarithmic = set(self.logarithmic) & set(ELEMENTS)
         what, advice = "its J has the wheels' spin inertia otherwise", "state [inertia] likewise"
-        require(not logarithmic, "prior.includes_wheel_spin", what, advice)
+        require_key(not logarithmic, "prior.includes_wheel_spin", what, advice)
         elements = spin[ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS] * (1.0 if included else -1.0)
         more = dict(zip(ELEMENTS, elements.tolist(), strict=True))
         shift = np.array([more.get(name, 0.0) for name in self.names])
@@ -302,17 +308,17 @@ def _require_principal(
     """Refuse what is no body, no frame, or known so badly that a Gaussian does not say it."""
     most, turn = LIMITS.sd_of_moments, LIMITS.sd_of_axes
     key, what = "prior.principal_moments", f"shape {medians.shape} is not (3,)"
-    require(medians.shape == (3,), key, what, "give three numbers")
+    require_key(medians.shape == (3,), key, what, "give three numbers")
     body = bool((medians > 0.0).all() and 2.0 * medians.max() < medians.sum())
     advice = "each is above zero and less than the sum of the two others"
-    require(body, key, "no body has these moments", advice)
+    require_key(body, key, "no body has these moments", advice)
     known = bool(((sds > 0.0) & (sds <= most)).all())
     wide = "known worse than that, state [inertia] with wide sigmas instead"
-    require(known, "prior.relative_sd", f"it is not above 0 and at most {most}", wide)
+    require_key(known, "prior.relative_sd", f"it is not above 0 and at most {most}", wide)
     turned = 0.0 < angle <= turn
-    require(turned, "prior.axes_sd_deg", f"it is not above 0 and at most {turn} deg", wide)
+    require_key(turned, "prior.axes_sd_deg", f"it is not above 0 and at most {turn} deg", wide)
     frame = axes.shape == (3, 3) and bool(np.allclose(axes @ axes.T, np.eye(3), atol=1e-6))
-    require(frame, "prior.axes_B", "its rows are not orthonormal", "give three unit vectors")
+    require_key(frame, "prior.axes_B", "its rows are not orthonormal", "give three unit vectors")
 
 
 def _elements_of(

@@ -18,7 +18,7 @@ from bayes_inertia.campaign.commands import with_known_torques, without_impossib
 from bayes_inertia.campaign.description import AS_CAMPAIGN, Description
 from bayes_inertia.campaign.environment import slews_with_orbit
 from bayes_inertia.campaign.format_2 import SlewPart
-from bayes_inertia.campaign.hardware import attitude_noise, rate_noise, require
+from bayes_inertia.campaign.hardware import attitude_noise, rate_noise, require_key
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
@@ -267,7 +267,7 @@ def _channels(
         driven = torque is not None and bool(np.nan_to_num(torque[:, k]).any())
         what, key = f"{wheel.name} spins freely, and is commanded", f"slews.{part.name}"
         advice = 'leave its commands out, or say state = "running"'
-        require(wheel.state != "free" or not driven, key, what, advice)
+        require_key(wheel.state != "free" or not driven, key, what, advice)
     return channels, disorder
 
 

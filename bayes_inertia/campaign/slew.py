@@ -14,7 +14,7 @@ from bayes_inertia import errors
 from bayes_inertia.campaign.hardware import (
     numbers,
     one_an_axis,
-    require,
+    require_key,
     require_name,
     unit_length,
     unit_vector,
@@ -145,7 +145,7 @@ class Slew:
             given = getattr(self, key)
             what = f"{kind_of(given)} does not say whose they are"
             named = given is None or isinstance(given, Mapping)
-            require(named, f"{where}.{key}", what, "give a dictionary, with names as keys")
+            require_key(named, f"{where}.{key}", what, "give a dictionary, with names as keys")
         if self.more is not None:
             n, given = len(time), self.more.items()
             more = {key: _channel(x, n, None, f"{where}.more.{key}") for key, x in given}
@@ -168,14 +168,14 @@ class Slew:
         whole = given.shape == self.time.shape and bool(((pieces >= 0) & (pieces == given)).all())
         what = f"shape {given.shape}, or no whole number from 0"
         advice = "give a whole number for each row, 0 where the command is known"
-        require(whole, f"{where}.lost_command", what, advice)
+        require_key(whole, f"{where}.lost_command", what, advice)
         known = self.wheel_torque is not None and self.lost_command_sd is not None
         what = "nothing says what the wheels may have done"
         advice = "give wheel_torque and lost_command_sd too"
-        require(known, f"{where}.lost_command", what, advice)
+        require_key(known, f"{where}.lost_command", what, advice)
         sd = np.asarray(self.lost_command_sd)[pieces > 0]
         what, advice = "an sd is below 0 or no number", "give one of each wheel in each lost row"
-        require(bool((sd >= 0.0).all()), f"{where}.lost_command_sd", what, advice)
+        require_key(bool((sd >= 0.0).all()), f"{where}.lost_command_sd", what, advice)
         return pieces if pieces.any() else None
 
     @property
@@ -275,9 +275,9 @@ def on_campaign_clock(moment: Any, key: str) -> float:
     """
     given = np.atleast_1d(plain_array(moment, f"key {key}"))
     what, advice = f"these are {given.size} moments", "give one, of the first row"
-    require(given.size == 1, key, what, advice)
+    require_key(given.size == 1, key, what, advice)
     (second,) = _seconds(given.ravel(), key, since=_EPOCH)
-    require(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
+    require_key(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
     return float(second)
 
 
@@ -308,13 +308,13 @@ def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndar
 def _require_increasing(time: np.ndarray, key: str) -> None:
     """Raise `CampaignError` unless times (n,) increase strictly."""
     flat, what = time.ndim == 1, f"shape {time.shape} is not (rows,)"
-    require(flat, key, what, "give one time a row: of a table one column, as table['t']")
-    require(len(time) >= 2, key, "fewer than two rows", "a slew needs telemetry over time")
+    require_key(flat, key, what, "give one time a row: of a table one column, as table['t']")
+    require_key(len(time) >= 2, key, "fewer than two rows", "a slew needs telemetry over time")
     finite = bool(np.all(np.isfinite(time)))
-    require(finite, key, "a time is not a number", "remove or repair the row")
+    require_key(finite, key, "a time is not a number", "remove or repair the row")
     increasing = bool(np.all(np.diff(time) > 0))
     advice = "sort the rows and drop duplicates"
-    require(increasing, key, "times do not increase strictly", advice)
+    require_key(increasing, key, "times do not increase strictly", advice)
 
 
 def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
@@ -322,9 +322,9 @@ def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
     array = numbers(value, key)
     fits = array.ndim == 2 and len(array) == rows and width in (None, array.shape[1])
     what = f"shape {array.shape} does not fit {rows} rows"
-    require(fits, key, what, f"give (rows, {width or 'columns'})")
+    require_key(fits, key, what, f"give (rows, {width or 'columns'})")
     finite = not bool(np.isinf(array).any())
-    require(finite, key, "a value is infinite", "use NaN where there is no value")
+    require_key(finite, key, "a value is infinite", "use NaN where there is no value")
     return array
 
 
@@ -333,7 +333,7 @@ def require_quaternions(attitude: np.ndarray, key: str) -> None:
     problem = bad_quaternion(attitude)
     row, what = problem or (0, "")
     what = f"{what} (row {row + 1}: {attitude[row].tolist()})"
-    require(problem is None, key, what, "repair the row or leave all four cells empty")
+    require_key(problem is None, key, what, "repair the row or leave all four cells empty")
 
 
 def between_fix_groups(slew: Slew, fixed: np.ndarray) -> np.ndarray:

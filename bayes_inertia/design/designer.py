@@ -19,7 +19,6 @@ import numpy as np
 from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.design.feasible_region import (
@@ -35,7 +34,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.result import Design
-from bayes_inertia.errors import DesignError, require, require_kind
+from bayes_inertia.errors import DesignError, members, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
@@ -221,7 +220,7 @@ def design_plan(
         seed=seed,
         draws=draws,
         after=after,
-        effects=members("effects", effects, str),
+        effects=members(effects, str, "key effects"),
     )
     say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)

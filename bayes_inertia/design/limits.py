@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import members, require_number, require_positive
+from bayes_inertia.campaign.hardware import require_number, require_positive
+from bayes_inertia.errors import members
 from bayes_inertia.flight.plan import direction, unit_quaternion
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.values import Vector, json_ready
@@ -107,7 +108,7 @@ class Limits:
     wheel_reserve: float = 0.2
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "keep_out", members("keep_out", self.keep_out, KeepOut))
+        object.__setattr__(self, "keep_out", members(self.keep_out, KeepOut, "key keep_out"))
         for key in ("rate", "angle", "acceleration", "total_time", "tolerance"):
             require_positive(getattr(self, key), f"limits.{key}", optional=key != "tolerance")
         for key in ("rate_reserve", "wheel_reserve"):

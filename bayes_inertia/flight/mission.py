@@ -19,7 +19,7 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     body_rates,
-    require,
+    require_key,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.sensors import series_of
@@ -86,7 +86,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     wheels, sensor = campaign.wheels, campaign.rate_sensor
     why = why_no_plans(campaign)
     advice = "`observe` says what its motion determines as it is, and `fit` determines it"
-    require(not why, "actuators", why, advice)
+    require_key(not why, "actuators", why, advice)
     J = inertia_tensor.tensor(np.asarray(theta[:6]))
     return Spacecraft(
         without_spin(J, campaign.inertia.includes_wheel_spin, wheels),

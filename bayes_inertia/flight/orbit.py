@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import require_key
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.slew_context import Environment
@@ -47,7 +47,7 @@ class Orbit:
     def __post_init__(self) -> None:
         what = f"{self.radius / 1e3:.6g} km lies inside the Earth"
         advice = "give the distance from the Earth's centre"
-        require(self.radius > NUMERICS.smallest_radius, "orbit.radius_km", what, advice)
+        require_key(self.radius > NUMERICS.smallest_radius, "orbit.radius_km", what, advice)
 
     def environment(self, time: np.ndarray) -> Environment:
         """What effects need, at times of the campaign.

@@ -21,13 +21,13 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import (
-    members,
     numbers,
-    require,
+    require_key,
     require_number,
     require_positive,
     unit_length,
 )
+from bayes_inertia.errors import members
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.printed import Card, shown_as
@@ -91,7 +91,7 @@ def direction(value: Any, key: str) -> tuple[float, ...]:
     axis = numbers(value, key)
     is_direction = axis.shape == (3,) and 0.0 < float(np.linalg.norm(axis)) < math.inf
     what = f"{value!r} is no direction"
-    require(is_direction, key, what, "give three numbers, not all zero")
+    require_key(is_direction, key, what, "give three numbers, not all zero")
     return tuple(unit_length(axis).tolist())
 
 
@@ -100,7 +100,7 @@ def unit_quaternion(value: Any, key: str) -> tuple[float, float, float, float]:
     attitude = numbers(value, key)
     is_unit = attitude.shape == (4,) and abs(float(np.linalg.norm(attitude)) - 1.0) < 1e-3
     what = f"{value!r} is no unit quaternion"
-    require(is_unit, key, what, "give four numbers, scalar last")
+    require_key(is_unit, key, what, "give four numbers, scalar last")
     x, y, z, w = unit_length(attitude).tolist()
     return (x, y, z, w)
 
@@ -150,7 +150,7 @@ class PlannedSlew:
             require_positive(getattr(self, key), f"slews.{key}", optional=key == "duration")
         what = f"{self.profile!r} is unknown"
         advice = f"choose {' or '.join(get_args(Profile))}"
-        require(self.profile in get_args(Profile), "slews.profile", what, advice)
+        require_key(self.profile in get_args(Profile), "slews.profile", what, advice)
 
     @property
     def motion_time(self) -> float:
@@ -243,10 +243,12 @@ class Plan:
     durations: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "slews", members("slews", self.slews, PlannedSlew))
+        object.__setattr__(self, "slews", members(self.slews, PlannedSlew, "key slews"))
         momentum = np.atleast_1d(numbers(self.wheel_momentum, "wheel_momentum"))
         object.__setattr__(self, "wheel_momentum", tuple(momentum.tolist()))
-        require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
+        require_key(
+            len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]"
+        )
         self._check_times()
         attitude = unit_quaternion(self.start_attitude, "start_attitude")
         object.__setattr__(self, "start_attitude", attitude)
@@ -263,10 +265,10 @@ class Plan:
             periods = getattr(self, key) / self.telemetry_period
             what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"
             advice = "choose one that is"
-            require(abs(periods - round(periods)) < 1e-6, key, what, advice)
+            require_key(abs(periods - round(periods)) < 1e-6, key, what, advice)
         what = "the first fix comes after the rest"
         advice = "make it smaller than rest_before"
-        require(self.first_fix < self.rest_before, "first_fix", what, advice)
+        require_key(self.first_fix < self.rest_before, "first_fix", what, advice)
 
     def _duration(self, slew: PlannedSlew) -> float:
         """Duration of a slew's telemetry [s], whole telemetry periods."""
@@ -275,14 +277,14 @@ class Plan:
         most = NUMERICS.most_rows_of_slew
         what = f"a slew has {longest:.3g} rows of telemetry, more than {most:,}"
         keys = "rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s"
-        require(longest <= most, "slews", what, f"look at the units of {keys}")
+        require_key(longest <= most, "slews", what, f"look at the units of {keys}")
         needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period
         what = f"{slew.duration:.6g} s is too short"
         advice = f"give at least {needed:.6g} s, or leave it out"
-        require(asked >= needed - 1e-9, "slews.duration", what, advice)
+        require_key(asked >= needed - 1e-9, "slews.duration", what, advice)
         return asked
 
     @property

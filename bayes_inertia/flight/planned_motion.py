@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import require_key
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile, angle_and_rate, peak_and_ramp
 from bayes_inertia.flight.spacecraft import Spacecraft, allocation
@@ -101,7 +101,7 @@ def plan_start(plan: Plan, wheels: int) -> PlanStart:
     """Start of a plan of a spacecraft with so many wheels."""
     momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
     what, advice = f"{len(momentum)} momenta for {wheels} wheels", "give one a wheel"
-    require(len(momentum) == wheels, "wheel_momentum_Nms", what, advice)
+    require_key(len(momentum) == wheels, "wheel_momentum_Nms", what, advice)
     return PlanStart(np.array(plan.start_attitude), momentum)
 
 

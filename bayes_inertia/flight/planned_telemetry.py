@@ -14,7 +14,7 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, require
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, require_key
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
@@ -196,7 +196,7 @@ def _require_reached(device: FlyingDevice, motion: Trajectory, wanted_B: Any) ->
     missing = float(np.abs(np.asarray(device.array.given_B(inputs)) - wanted).max())
     what = f"it gives {missing:.3g} less than the {largest:.3g} {unit} that slews ask for"
     advice = "turn more slowly, or by smaller angles"
-    require(missing <= FLIGHT.unreached * largest, f"actuators.{name}", what, advice)
+    require_key(missing <= FLIGHT.unreached * largest, f"actuators.{name}", what, advice)
 
 
 def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath) -> Slew:

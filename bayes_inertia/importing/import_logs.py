@@ -12,11 +12,10 @@ import numpy as np
 
 from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import members
 from bayes_inertia.campaign.reader import campaign_of
 from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import content_of, files_of
-from bayes_inertia.errors import CampaignError, OutputError, require
+from bayes_inertia.errors import CampaignError, OutputError, members, require
 from bayes_inertia.faults.held import held_readings
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.files import path_of, read_bytes, text_of, write_new_files
@@ -143,7 +142,7 @@ def import_logs(
 
 def _listed(files: Any) -> tuple[Any, ...]:
     """Files as a list; one alone counts as one."""
-    return (files,) if isinstance(files, str | os.PathLike) else members("files", files, object)
+    return (files,) if isinstance(files, str | os.PathLike) else members(files, object, "key files")
 
 
 def _read_back(

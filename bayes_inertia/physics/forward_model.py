@@ -17,7 +17,7 @@ from bayes_inertia.campaign.hardware import (
     InertiaPrior,
     RateSensor,
     StarTracker,
-    require,
+    require_key,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import require_kind
@@ -229,7 +229,7 @@ class Model:
         """
         thetas = np.asarray(parameter_vectors(theta, self.space.size)).reshape(-1, self.space.size)
         advice = "give at least one parameter vector"
-        require(len(thetas) > 0, "theta", f"its shape is {np.shape(theta)}", advice)
+        require_key(len(thetas) > 0, "theta", f"its shape is {np.shape(theta)}", advice)
         local = np.zeros((self.n_slews, self.structure.n_local))
         each = [_predicted(self.structure, x, local, self.data) for x in thetas]
         readings = self.data.arrays.telemetry.readings
@@ -250,16 +250,16 @@ def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> 
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
     known = drive in ("commanded", "measured")
-    require(known, "drive", f"unknown drive {drive!r}", "choose commanded or measured")
+    require_key(known, "drive", f"unknown drive {drive!r}", "choose commanded or measured")
     told = drive == "measured" or not campaign.wheels or campaign.has_commands
     what = "the commanded drive needs wheel_torque columns in every slew"
-    require(told, "columns.wheel_torque", what, "use the measured drive")
+    require_key(told, "columns.wheel_torque", what, "use the measured drive")
     turned = drive == "commanded" or bool(campaign.wheels)
-    require(turned, "drive", "there are no wheels to drive the model", "leave the drive out")
+    require_key(turned, "drive", "there are no wheels to drive the model", "leave the drive out")
     read = drive == "commanded" or campaign.has_tachometers
     what = "the measured drive needs wheel momentum or speed in every slew "
     what += "and each wheel's momentum_sigma"
-    require(read, "columns.wheel_momentum", what, "add them or use the commanded drive")
+    require_key(read, "columns.wheel_momentum", what, "add them or use the commanded drive")
     # What parameters are called after.
     names = [NOISE_OWNER, *dict(campaign.more_sensors), *(e.name for e in effects)]
     for e in effects:
@@ -293,13 +293,13 @@ def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
     channels = {channel.name: channel for channel in channels_of(campaign, drive)}
     for name, asked in noise.channels:
         what, advice = f"no channel is called {name!r}", f"write {', '.join(channels)}"
-        require(name in channels, f"noise.{name}", what, advice)
+        require_key(name in channels, f"noise.{name}", what, advice)
         what = f"no readings of the channel {name} are compared with the model"
         # Tachometers that drive the model are its input.
         used = drive == "measured" and name == "momentum"
         advice = "use the commanded drive" if used else "leave it out"
         read = asked.is_stated or channels[name].is_read(campaign)
-        require(read, f"noise.{name}", what, advice)
+        require_key(read, f"noise.{name}", what, advice)
 
 
 def _check_combination(structure: Structure, noise: NoiseModel) -> None:
@@ -355,7 +355,7 @@ def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterS
     elements = space.names[: space.n_base]
     unknown = [name for name in prior.names if name not in elements]
     what = f"{next(iter(unknown), '')!r} is no element of J or scale factor of this campaign"
-    require(not unknown, "prior.names", what, f"choose among {', '.join(elements)}")
+    require_key(not unknown, "prior.names", what, f"choose among {', '.join(elements)}")
     place = [space.names.index(name) for name in prior.names]
     entries = list(space.entries)
     ends = [

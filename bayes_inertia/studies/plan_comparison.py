@@ -13,7 +13,6 @@ import joblib
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.comparison import (
     AchievedErrors,
     Contender,
@@ -21,7 +20,7 @@ from bayes_inertia.design.comparison import (
     fit_simulated_campaign,
 )
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.errors import StudyError, require
+from bayes_inertia.errors import StudyError, members, require
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import whole_number
@@ -158,7 +157,7 @@ def compare_plans(
     bayes_inertia.errors.CampaignError: plans: no plan to compare; give each its own name
     """
     seed, folder = whole_number(seed, "seed"), None if folder is None else Path(folder)
-    plans = plans if isinstance(plans, Mapping) else members("plans", plans, Plan)
+    plans = plans if isinstance(plans, Mapping) else members(plans, Plan, "key plans")
     named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
     what = "no plan to compare" if not named else "two plans have one name"
     known_apart = bool(named) and len(named) == len(plans)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, require
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, require_key
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
 from bayes_inertia.campaign.sensors.direction import DirectionStream
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM, MomentumStream
@@ -33,7 +33,7 @@ def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
     """The streams of a campaign, one a sensor."""
     for name in set(dict(campaign.more_sensors)) & {*CHANNELS, "noise"}:
         what, advice = f"results know something else as {name!r}", "give the sensor another name"
-        require(False, f"sensors.{name}.name", what, advice)
+        require_key(False, f"sensors.{name}.name", what, advice)
     more = ((KINDS.get(type(x)) or x.stream)(name) for name, x in campaign.more_sensors)
     return (*STREAMS, *more)
 
