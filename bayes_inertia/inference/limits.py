@@ -216,10 +216,13 @@ class Limits:
     # have a finite density.
     over_dispersion: float = 2.0
     most_draws: int = 200
-    # The ensemble that explores the evidence of sizes.
+    # The ensemble that explores the evidence of sizes, and the rounds and draws of importance
+    # sampling after it: two rounds make four fifths of the draws effective where it left a quarter.
     size_walkers: int = 64
     size_steps: int = 60
     size_warm_up: int = 20
+    size_rounds: int = 2
+    size_draws: int = 512
     # Sizes evaluated at once, and numbers of their equations that fit the processor's cache.
     sizes_at_once: int = 16
     cached_numbers: float = 5e5

@@ -16,7 +16,7 @@ import emcee
 import jax
 import numpy as np
 from emcee.moves import MHMove
-from scipy import linalg, stats
+from scipy import linalg, special, stats
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, curvature_of
@@ -38,12 +38,15 @@ class SizeProposal:
 
     explored: stats.gaussian_kde
 
+    @property
+    def centre(self) -> np.ndarray:
+        """Mean (h,) of what was explored."""
+        return self.explored.dataset @ self.explored.weights
+
     @cached_property
     def _wide(self) -> stats._multivariate.multivariate_t_frozen:
-        data = self.explored.dataset
-        return stats.multivariate_t(
-            data.mean(1), np.atleast_2d(np.cov(data)), df=LIMITS.wide_degrees
-        )
+        covariance = np.cov(self.explored.dataset, aweights=self.explored.weights)
+        return stats.multivariate_t(self.centre, np.atleast_2d(covariance), df=LIMITS.wide_degrees)
 
     def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
         """Standardised sizes (n, h)."""
@@ -104,7 +107,7 @@ class EvidenceMove(MHMove):
             standardised, self.evidence.given(standardised), random, LIMITS.steps_of_draws
         )
         if stretch != 1.0:
-            centre = self.sizes.explored.dataset.mean(1)
+            centre = self.sizes.centre
             standardised = centre + stretch * (standardised - centre)
             given = self.evidence.given(standardised)
         return self._drawn(standardised, given, random, stretch)
@@ -190,7 +193,9 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
     """The distribution of sizes by their evidence, explored by a short ensemble.
 
     It begins as wide as the evidence is curved: from wider starts a short ensemble does not come
-    home, and sizes proposed as wide are hardly ever taken.
+    home, and sizes proposed as wide are hardly ever taken. Its tails are thin: rounds of importance
+    sampling fill them (population Monte Carlo, Cappe et al. 2004), for a walker in a tail that is
+    seldom proposed stays there, and tells the sampler little for its simulations.
     """
     begin = evidence.standardised(evidence.point.theta)
     walkers = max(LIMITS.size_walkers, 2 * len(begin))
@@ -203,7 +208,25 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
         discard=LIMITS.size_warm_up,
         thin=2,
     )
-    return SizeProposal(stats.gaussian_kde(explored.T))
+    sizes = SizeProposal(stats.gaussian_kde(explored.T))
+    for _ in range(LIMITS.size_rounds):
+        drawn = sizes.draw(random, LIMITS.size_draws)
+        weights = importance_weights(evidence.given(drawn).log_evidence - sizes.log_density(drawn))
+        sizes = SizeProposal(stats.gaussian_kde(drawn.T, weights=weights))
+    return sizes
+
+
+def importance_weights(log_ratios: np.ndarray) -> np.ndarray:
+    """Weights (n,), of sum 1, of draws with these logs of wanted over proposed density.
+
+    None is larger than 1 / sqrt(n) of their sum (Ionides 2008): a single draw rules no estimate.
+
+    >>> importance_weights(np.log([1.0, 1.0, 1.0, np.nan])).round(3).tolist()
+    [0.333, 0.333, 0.333, 0.0]
+    """
+    known = np.where(np.isfinite(log_ratios), log_ratios, -np.inf)
+    most = special.logsumexp(known) - 0.5 * np.log(len(known))
+    return special.softmax(np.minimum(known, most))
 
 
 class IndependenceMove(MHMove):
@@ -308,20 +331,24 @@ def find_proposal(
         everything = np.arange(len(estimate.theta))
         evidence = Evidence(estimate.model, estimate.point, estimate.white, everything)
         move = EvidenceMove(evidence, explored_sizes(evidence, random))
-    spent = 0
-    for _ in range(LIMITS.most_pilots):
+    best, reached, spent = move, -1.0, 0
+    for pilots_left in reversed(range(LIMITS.most_pilots + 1)):
         draws = move.draw(random, LIMITS.judged_draws)
         spent += len(draws)
         move, acceptance = _with_best_tails(move, draws, log_density(draws))
-        if acceptance > LIMITS.poor_acceptance:
-            return move, float(np.clip(acceptance, LIMITS.least_share, LIMITS.largest_share)), spent
+        if acceptance <= reached:
+            # The pilot's shape is no better than what it began from: the next would not be.
+            break
+        best, reached = move, acceptance
+        if reached > LIMITS.poor_acceptance or not pilots_left:
+            break
         n = walkers_needed(LIMITS.pilot_walkers, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
         steps, warm_up = LIMITS.pilot_steps, LIMITS.pilot_warm_up
         kept = _short_sample(log_density, starts, random, steps, discard=warm_up)
         spent += (steps + 1) * len(starts)
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
-    return move, LIMITS.least_share, spent
+    return best, float(np.clip(reached, LIMITS.least_share, LIMITS.largest_share)), spent
 
 
 def _with_best_tails(
