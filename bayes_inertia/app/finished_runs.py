@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.plan_folder import plan_after_campaign
 from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import require
 from bayes_inertia.flight.mission import Mission, other_slews
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
@@ -66,7 +66,8 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     Promised is what `design` wrote into the design.json beside the plan. For any other plan it is
     forecast now, as `compare` does, for the hardware and prior of the run's campaign.
     """
-    promised, campaign = read_plan(plan), _campaign_of(run)
+    campaign = _campaign_of(run)
+    promised = plan_after_campaign(plan, campaign)
     difference = other_slews(promised, campaign)
     what = f"the run is of other slews than the plan {promised.name!r}: {difference}"
     advice = (

@@ -36,6 +36,7 @@ from bayes_inertia.flight.mission import (
 )
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
+from bayes_inertia.flight.planned_motion import plan_start
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.values import json_ready, picked
@@ -60,7 +61,9 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
     base = following_plan(campaign)
     # The paper's slews from where the campaign ended, so that all plans start alike.
     paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)
-    read = [(text, paper if text == PAPER else read_plan(text)) for text in texts]
+    read = [
+        (text, paper if text == PAPER else plan_after_campaign(text, campaign)) for text in texts
+    ]
     printed = [plain(plan.name) for _, plan in read]
     named = {
         plan.name if printed.count(name) == 1 else f"{plan.name} ({Path(text).stem})": plan
@@ -69,6 +72,21 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
     if len({plain(name) for name in named}) < len(read):
         raise CampaignError("the same plan twice", where="plans", advice="give each once")
     return named
+
+
+def plan_after_campaign(path: str | Path, campaign: Campaign) -> Plan:
+    """The plan in a file; what it leaves out is as where the campaign ended."""
+    return plan_for(path, len(campaign.without_locked_wheels().wheels), following_plan(campaign))
+
+
+def plan_for(path: str | Path, wheels: int, base: Plan | None = None) -> Plan:
+    """The plan in a file, for a spacecraft of so many wheels; `base`: see `read_plan`."""
+    plan = read_plan(path, base)
+    try:
+        plan_start(plan, wheels)
+    except CampaignError as error:
+        raise error.inside(str(path)) from None
+    return plan
 
 
 def plan_sha256(plan: Plan) -> str:
@@ -393,8 +411,10 @@ def run_simulate(
     if campaign is None:
         advice = "name the campaign that states it with --campaign"
         require(not draw, "--draw", "J and K cannot be drawn without a prior", advice)
-        chosen = paper_like_plan() if plan in (None, PAPER) else read_plan(str(plan))
-        flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
+        mission = most_like_mission()
+        wheels = len(mission.spacecraft.wheels)
+        chosen = paper_like_plan() if plan in (None, PAPER) else plan_for(str(plan), wheels)
+        flight = simulate(chosen, mission, folder, seed, hidden=hidden)
         return SimulatedFlight(flight.campaign, "the MOST-like spacecraft")
     given = read_campaign(campaign)
     truth = "drawn from" if draw else "at the mean of"

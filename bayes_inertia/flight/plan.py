@@ -252,7 +252,8 @@ class Plan:
         self._check_times()
         attitude = unit_quaternion(self.start_attitude, "start_attitude")
         object.__setattr__(self, "start_attitude", attitude)
-        object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
+        durations = (self._duration(k, slew) for k, slew in enumerate(self.slews, 1))
+        object.__setattr__(self, "durations", tuple(durations))
 
     def _check_times(self) -> None:
         """Raise for times that do not fit each other or the telemetry period."""
@@ -270,21 +271,22 @@ class Plan:
         advice = "make it smaller than rest_before"
         require_key(self.first_fix < self.rest_before, "first_fix", what, advice)
 
-    def _duration(self, slew: PlannedSlew) -> float:
-        """Duration of a slew's telemetry [s], whole telemetry periods."""
+    def _duration(self, k: int, slew: PlannedSlew) -> float:
+        """Duration of the k-th slew's telemetry [s], whole telemetry periods."""
+        place = f"slews[{k} of {len(self.slews)}]"
         least = self.rest_before + slew.motion_time + self.settle + self.rest_after
         longest = max(least, slew.duration or 0.0) / self.telemetry_period
         most = NUMERICS.most_rows_of_slew
-        what = f"a slew has {longest:.3g} rows of telemetry, more than {most:,}"
+        what = f"it has {longest:.3g} rows of telemetry, more than {most:,}"
         keys = "rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s"
-        require_key(longest <= most, "slews", what, f"look at the units of {keys}")
+        require_key(longest <= most, place, what, f"look at the units of {keys}")
         needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period
         what = f"{slew.duration:.6g} s is too short"
         advice = f"give at least {needed:.6g} s, or leave it out"
-        require_key(asked >= needed - 1e-9, "slews.duration", what, advice)
+        require_key(asked >= needed - 1e-9, f"{place}.duration", what, advice)
         return asked
 
     @property

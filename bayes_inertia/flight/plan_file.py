@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, Literal
 
-from annotated_types import Len
+from annotated_types import Ge, Gt, Len
 from pydantic import Field, create_model
 
 from bayes_inertia.campaign.checked_toml import parse_toml
@@ -54,8 +56,14 @@ _PLAN: _Keys = {
         )
     },
 }
-# Of fields that are no single number.
+# In errors, by the name of a field.
+_KEYS_OF_FIELDS = {field: key for keys in (_PLAN, _SLEW) for key, (field, _) in keys.items()}
+# Of fields that are no single number, or not any number.
 _TYPES: dict[str, Any] = {
+    **dict.fromkeys(("angle", "rate", "acceleration", "duration"), Annotated[float, Gt(0.0)]),
+    **dict.fromkeys(("telemetry_period", "rest_before"), Annotated[float, Gt(0.0)]),
+    **dict.fromkeys(("fix_spacing", "settle", "rest_after"), Annotated[float, Gt(0.0)]),
+    **dict.fromkeys(("first_fix", "pause"), Annotated[float, Ge(0.0)]),
     "axis_B": Vector3,
     "start_attitude": Annotated[list[float], Len(4, 4)],
     "wheel_momentum": list[float],
@@ -146,13 +154,15 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
     return write_atomically(path, text)
 
 
-def read_plan(path: str | Path) -> Plan:
+def read_plan(path: str | Path, base: Plan | None = None) -> Plan:
     """The plan in a TOML file.
 
     Parameters
     ----------
     path : str or Path
         The file.
+    base : Plan, optional
+        Start, telemetry, rests and orbit where the file leaves them out; None for those of `Plan`.
 
     Returns
     -------
@@ -170,17 +180,31 @@ def read_plan(path: str | Path) -> Plan:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read ...
     """
+    require_kind(base, Plan | None, "base")
     path = path_of(path, "path")
     label = str(path)
     stated = parse_toml(text_of(read_bytes(path), label), label, _PlanForm)
+    given = _fields(stated, _PLAN)
     try:
-        return Plan(
-            slews=tuple(PlannedSlew(**_fields(slew, _SLEW)) for slew in stated.slews),
-            orbit=None if stated.orbit is None else Orbit(**_fields(stated.orbit, _ORBIT)),
-            **_fields(stated, _PLAN),
+        if stated.orbit is not None:
+            given["orbit"] = Orbit(**_fields(stated.orbit, _ORBIT))
+        given["slews"] = tuple(
+            _slew(form, f"slews[{i} of {len(stated.slews)}]")
+            for i, form in enumerate(stated.slews, 1)
         )
+        return Plan(**given) if base is None else replace(base, **given)
     except CampaignError as error:
-        raise error.inside(label) from None
+        where = re.sub(r"\w+$", lambda name: _KEYS_OF_FIELDS.get(name[0], name[0]), error.where)
+        raise CampaignError(error.what, where=f"{label}, {where}", advice=error.advice) from None
+
+
+def _slew(form: Any, place: str) -> PlannedSlew:
+    """A slew of the file; errors name its place there."""
+    try:
+        return PlannedSlew(**_fields(form, _SLEW))
+    except CampaignError as error:
+        where = error.where.replace("slews", place)
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _fields(form: Any, keys: _Keys) -> dict[str, Any]:
@@ -199,7 +223,7 @@ def _si(value: Any, factor: float | None) -> Any:
 def _table(part: Any, keys: _Keys) -> dict[str, Any]:
     """A plan, slew or orbit as keys and values of the file."""
     values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
-    said = (row for row in values if row[1] is not None and row[1] is not False)
+    said = (row for row in values if row[1] is not None)
     return {key: _file_value(value, factor) for key, value, factor in said}
 
 

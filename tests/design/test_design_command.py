@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,14 +13,15 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import plan_folder
-from bayes_inertia.app.plan_folder import keep_outs
+from bayes_inertia.app.plan_folder import keep_outs, plans_named
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.limits import (
     KeepOut,
 )
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.plan_file import read_plan
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan, write_plan
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -85,6 +87,20 @@ def test_compare_wants_plans_that_exist(tmp_path, capsys):
     (tmp_path / "taken" / "compare.png").write_text("mine")
     assert run("compare", EXAMPLE, "paper", "-o", tmp_path / "taken") == 2
     assert (tmp_path / "taken" / "compare.png").read_text() == "mine"
+
+
+def test_what_a_plan_file_leaves_out_is_as_in_the_campaign(tmp_path, capsys):
+    campaign, path = read_campaign(EXAMPLE), tmp_path / "plan.toml"
+    write_plan(paper_like_plan(), path)
+    slews = "[[slews]]" + path.read_text().partition("[[slews]]")[2]
+    head = 'format = "bayes-inertia-plan/1"\nname = "by hand"\n'
+    path.write_text(head + slews)
+    paper, by_hand = plans_named(["paper", str(path)], campaign).values()
+    assert replace(by_hand, name=paper.name) == paper
+    path.write_text(f"{head}wheel_momentum_Nms = [0, 0, 0, 0]\n{slews}")
+    assert run("compare", EXAMPLE, path, "-o", tmp_path / "run") == 2
+    error = f"{path}, key wheel_momentum_Nms: 4 momenta for 3 wheels"
+    assert error in capsys.readouterr().err
 
 
 def test_keep_out_cones_from_a_file(tmp_path):

@@ -30,6 +30,18 @@ def test_plan_file_round_trip(tmp_path):
     assert read_plan(path) == paper_like_plan()
 
 
+def test_what_a_plan_file_leaves_out_is_as_in_the_base(tmp_path):
+    base = replace(paper_like_plan(), telemetry_period=0.5, first_fix=0.0, fixes_in_motion=True)
+    path = tmp_path / "plan.toml"
+    slew = "[[slews]]\naxis = [1, 0, 0]\nangle_deg = 30\n"
+    path.write_text(f'format = "bayes-inertia-plan/1"\nname = "by hand"\nsettle_s = 40\n{slew}')
+    expected = replace(base, name="by hand", settle=40.0, slews=base.slews[:1])
+    assert read_plan(path, base) == expected
+    # A plan that was written has left nothing out.
+    other = replace(base, fixes_in_motion=False)
+    assert read_plan(write_plan(other, path, overwrite=True), base) == other
+
+
 def test_what_is_no_plan_or_no_path_is_told(tmp_path):
     with pytest.raises(CampaignError, match="plan: a str is no Plan"):
         write_plan("x", tmp_path / "plan.toml")
@@ -58,6 +70,25 @@ def test_what_is_no_plan_or_no_path_is_told(tmp_path):
         ("angle_deg = 30.0", f"angle_deg = {'9' * 5000}", "too many digits"),
         ("rate_deg_per_s = 1.0", "rate_deg_per_s = 1e-9", "rows of telemetry"),
         ("acceleration_deg_per_s2 = 0.05", "acceleration_deg_per_s2 = 1e-320", "rows of tel"),
+        (
+            "angle_deg = 45.0",
+            "angle_deg = -29.1",
+            r"key slews\[2 of 5\]\.angle_deg: -29.1 is not positive; write a positive number$",
+        ),
+        (
+            "angle_deg = 45.0",
+            "angle_deg = 45.0\nduration_s = 9.0",
+            r"\[2 of 5\]\.duration_s: 9 s is",
+        ),
+        ("[0.0, 1.0, 0.0]", "[0.0, 0.0, 0.0]", r"key slews\[2 of 5\]\.axis: .* is no direction"),
+        ('profile = "trapezoid"', 'profile = "trapez"', r"key slews\[1 of 5\]\.profile: 'trapez'"),
+        ("rate_deg_per_s = 1.0", "rate_deg_per_s = 1e-9", r"slews\[1 of 5\]: it has 1.2e\+11 rows"),
+        (
+            "telemetry_period_s = 0.25",
+            "telemetry_period_s = 0.3",
+            "key rest_before_s: 20.0 s is",
+        ),
+        ("pause_s = 300.0", "pause_s = -1.0", "key pause_s: -1.0 is negative; write 0 or more"),
     ],
 )
 def test_plan_file_errors_say_where(tmp_path, old, new, message):
