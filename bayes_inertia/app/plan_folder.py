@@ -24,6 +24,7 @@ from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
+from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.result import Design
 from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import read_bytes, text_of, write_atomically
@@ -415,7 +416,9 @@ def run_simulate(
         wheels = len(mission.spacecraft.wheels)
         chosen = paper_like_plan() if plan in (None, PAPER) else plan_for(str(plan), wheels)
         flight = simulate(chosen, mission, folder, seed, hidden=hidden)
-        return SimulatedFlight(flight.campaign, "the MOST-like spacecraft")
+        return SimulatedFlight(
+            flight.campaign, "the MOST-like spacecraft", limits_broken(chosen, mission)
+        )
     given = read_campaign(campaign)
     truth = "drawn from" if draw else "at the mean of"
     spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
@@ -427,8 +430,15 @@ def run_simulate(
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
     followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
-    notes = (*followed, *devices_at_rest(given))
+    notes = (*limits_broken(chosen, mission), *followed, *devices_at_rest(given))
     return SimulatedFlight(flight.campaign, spacecraft, notes)
+
+
+def limits_broken(plan: Plan, mission: Mission) -> tuple[str, ...]:
+    """The limits that a plan breaks, in one sentence; none where it keeps all."""
+    broken = broken_limits(planned_margins(plan, mission.spacecraft, Limits()))
+    said = "; ".join(margin.says for margin in broken)
+    return (f"limits broken, so it is not flown as planned: {said}",) if broken else ()
 
 
 def _drawn_mission(campaign: Campaign, seed: int) -> Mission:

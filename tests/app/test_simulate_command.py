@@ -13,7 +13,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.physics.forward_model import Model
 
@@ -73,6 +73,16 @@ def test_simulate_says_what_a_spacecraft_lacks(campaign, tmp_path, capsys):
     assert run("simulate", "-o", tmp_path / "out", "--campaign", campaign, "--plan", plan) == 2
     assert "wheel_momentum_Nms" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_simulate_says_which_limits_the_plan_breaks_and_flies_it(tmp_path, capsys):
+    quick = PlannedSlew((1.0, 0.0, 0.0), 0.1, acceleration=0.02)
+    write_plan(replace(paper_like_plan(), slews=(quick,)), tmp_path / "plan.toml")
+    assert run("simulate", "-o", tmp_path / "out", "--plan", tmp_path / "plan.toml") == 0
+    told = capsys.readouterr().err
+    assert "limits broken" in told
+    assert "torque of wheel_x: 0.06" in told
+    assert "0.02 N m allowed" in told
 
 
 @pytest.mark.long
