@@ -24,8 +24,10 @@ from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.design.feasible_region import (
     FeasibleRegion,
     draw_variables,
+    is_driven,
     region_within,
     require_feasible,
+    strongest_ramps,
 )
 from bayes_inertia.design.goals import Goal, parse_goal, require_goal
 from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
@@ -38,7 +40,12 @@ from bayes_inertia.errors import DesignError, members, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays
+from bayes_inertia.flight.planned_motion import (
+    RigidBody,
+    planned_slews,
+    rigid_body,
+    slew_arrays,
+)
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.maths.values import whole_number
@@ -382,13 +389,14 @@ def set_up_design(
     mission = mission if after is None else mission_after(mission, after)
     spacecraft = mission.spacecraft
     region = _region(mission, goal, limits)
+    body = rigid_body(mission.at_prior_mean().spacecraft)
     if limits.total_time is None:
-        like = paper_like_reference(base, region, n_slews, math.inf)
+        like = paper_like_reference(base, region, n_slews, math.inf, body)
         limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
     total_time = limits.total_time or math.inf
     region = region._replace(time=total_time)
     require_feasible(spacecraft, base, region, limits, n_slews)
-    reference = paper_like_reference(base, region, n_slews, total_time)
+    reference = paper_like_reference(base, region, n_slews, total_time, body)
     fitted = effects_named(tuple(dict.fromkeys((*goal.effects, *effects))))
     goal = replace(goal, effects=tuple(e.name for e in fitted[: len(goal.effects)]))
     forecast = prepare_forecast(reference, mission, fitted)
@@ -411,29 +419,43 @@ def _region(mission: Mission, goal: Goal, limits: Limits) -> FeasibleRegion:
     return region_within(limits, hardware_limits(mission.spacecraft), scale_factor_sigma=largest)
 
 
-def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:
-    """Slews about the paper's axes at the largest rate, with its gentle ramps.
+def paper_like_reference(
+    base: Plan, region: FeasibleRegion, n: int, total_time: float, body: RigidBody
+) -> Plan:
+    """Slews about the paper's axes at the largest rate, with its gentle ramps, that can be driven.
 
     `base`: start, telemetry and rests; its slews are not used. `total_time`: what the plan may last
-    [s]; angles are reduced until it fits. Returns: the plan with the largest angles that fit, or
-    with very small ones if none do.
+    [s]. Rates and ramps are reduced until wheels can drive them, and angles until the plan fits its
+    time, or where no rate is slow enough. Returns: the plan with the largest that fit, or with very
+    small ones if none do.
     """
     paper = [paper_like_plan().slews[i % 5] for i in range(n)]
-    acceleration = min(NUMERICS.paper_acceleration, region.acceleration)
-    share = 1.0
-    for _ in range(NUMERICS.most_reductions):
-        angles = [
-            max(min(share * s.angle, region.angles[1]), NUMERICS.paper_smallest_angle)
-            for s in paper
-        ]
+    axes_B = np.array([slew.axis_B for slew in paper])
+    ramps = np.minimum(strongest_ramps(axes_B, region, body), NUMERICS.paper_acceleration)
+
+    def reduced(share: float, pace: float) -> Plan:
         slews = tuple(
-            PlannedSlew(slew.axis_B, angle, rate=region.rate, acceleration=acceleration)
-            for slew, angle in zip(paper, angles, strict=True)
+            PlannedSlew(
+                slew.axis_B,
+                max(min(share * slew.angle, region.angles[1]), NUMERICS.paper_smallest_angle),
+                pace * region.rate,
+                pace * ramp,
+            )
+            for slew, ramp in zip(paper, ramps.tolist(), strict=True)
         )
-        plan = replace(base, name=f"{n} slews like the paper's", slews=slews)
-        if plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9:
+        return replace(base, name=f"{n} slews like the paper's", slews=slews)
+
+    plan, share, pace = reduced(1.0, 1.0), 1.0, 1.0
+    for _ in range(2 * NUMERICS.most_reductions):
+        driven = is_driven(plan, region, body)
+        in_time = plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9
+        if driven and in_time:
             break
-        share *= NUMERICS.angle_reduction
+        slowest, _ = NUMERICS.smallest_fractions
+        slower_helps = not driven and is_driven(reduced(share, slowest), region, body)
+        pace *= NUMERICS.reduction if slower_helps else 1.0
+        share *= 1.0 if in_time and (driven or slower_helps) else NUMERICS.reduction
+        plan = reduced(share, pace)
     return plan
 
 

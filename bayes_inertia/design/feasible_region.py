@@ -22,7 +22,15 @@ from bayes_inertia.design.margins import Margin, broken_limits, demands, planned
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError, require
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.planned_motion import PlannedMotion, PlanTimes, RigidBody, SlewArrays
+from bayes_inertia.flight.planned_motion import (
+    PlannedMotion,
+    PlanTimes,
+    RigidBody,
+    SlewArrays,
+    motion_of_plan,
+    plan_times,
+    slew_arrays,
+)
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import share_of_reach
 from bayes_inertia.maths.values import AnyArray
@@ -138,14 +146,7 @@ def draw_variables(
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     low, high = region.angles
     rate = rng.uniform(0.5, 1.0, (n, slews)) ** 0.25 * region.rate
-    turning_B = axis @ np.asarray(body.inertia_B)
-    needed = np.abs(turning_B @ np.asarray(body.allocation).T)
-    most = np.min(region.torque / needed, axis=-1, initial=np.inf)
-    if any(not device.carries_momentum for device in (body.devices or {}).values()):
-        up, down = (np.asarray(share_of_reach(s * turning_B, region.reach)) for s in (1.0, -1.0))
-        most = 1.0 / np.maximum(up, down)
-    strongest = np.minimum(0.9 * most, region.acceleration)
-    acceleration = strongest * rng.uniform(0.1, 1.0, (n, slews))
+    acceleration = strongest_ramps(axis, region, body) * rng.uniform(0.1, 1.0, (n, slews))
     # Some plans of slews that are alike, some of a few long ones and others as short as may be.
     angle = low + (high - low) * rng.uniform(0.0, 1.0, (n, slews)) ** rng.choice(
         [1.0, 3.0, 6.0], (n, 1)
@@ -158,6 +159,29 @@ def draw_variables(
         angle = np.clip(angle * share[:, None], low, high)
     fractions = [(rate / region.rate)[..., None], (acceleration / region.acceleration)[..., None]]
     return np.concatenate([axis * angle[..., None], *fractions], -1)
+
+
+def strongest_ramps(axis_B: np.ndarray, region: FeasibleRegion, body: RigidBody) -> np.ndarray:
+    """Accelerations (...) about axes (..., 3) that torques allow [rad/s^2], but for w x (J w + h).
+
+    Some of the torque is left for that.
+    """
+    turning_B = axis_B @ np.asarray(body.inertia_B)
+    needed = np.abs(turning_B @ np.asarray(body.allocation).T)
+    with np.errstate(divide="ignore"):
+        most = np.min(region.torque / needed, axis=-1, initial=np.inf)
+    if any(not device.carries_momentum for device in (body.devices or {}).values()):
+        up, down = (np.asarray(share_of_reach(s * turning_B, region.reach)) for s in (1.0, -1.0))
+        most = 1.0 / np.maximum(up, down)
+    return np.minimum(0.9 * most, region.acceleration)
+
+
+def is_driven(plan: Plan, region: FeasibleRegion, body: RigidBody) -> bool:
+    """Whether wheels, or the device in their place, can give what a plan asks of them."""
+    motion = motion_of_plan(plan, body)
+    slacks = constraint_slacks(motion, slew_arrays(plan), region, plan_times(plan))
+    driving = ("wheel torque", "wheel momentum", "reach")
+    return all(bool(jnp.all(slacks[key] >= 0.0)) for key in driving if key in slacks)
 
 
 def constraint_slacks(

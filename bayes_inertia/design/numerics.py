@@ -19,8 +19,9 @@ class Numerics:
     active_slack: float = 0.01
     # The paper's angular acceleration [rad/s^2].
     paper_acceleration: float = math.radians(0.05)
-    # By what factor, and how often at most, angles are reduced until a plan fits its time.
-    angle_reduction: float = 0.93
+    # By what factor, and how often at most, angles are reduced until a plan fits its time, and
+    # rates and ramps until wheels can drive it.
+    reduction: float = 0.93
     most_reductions: int = 60
     # Smallest angle [rad] of a slew like the paper's.
     paper_smallest_angle: float = 1e-3

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.design.designer import random_plans
+from bayes_inertia.design.designer import paper_like_reference, random_plans
 from bayes_inertia.design.feasible_region import region_within
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
@@ -17,9 +17,10 @@ from bayes_inertia.design.limits import (
     Limits,
     hardware_limits,
 )
+from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.planned_motion import slew_arrays
+from bayes_inertia.flight.planned_motion import rigid_body, slew_arrays
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects import by_name
 
@@ -61,3 +62,22 @@ def test_the_end_attitude_is_reached_by_the_last_slew(mission):
     for turn in slews.rotation_B:
         attitude = quaternion.multiply(attitude, quaternion.exp(turn))
     np.testing.assert_allclose(quaternion.error(attitude, end), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("hold", [{"max_torque": 0.0013}, {"max_momentum": 0.04}])
+def test_the_reference_asks_of_wheels_what_they_can_give(mission, hold):
+    craft = mission.at_prior_mean().spacecraft
+    craft = replace(craft, wheels=tuple(replace(wheel, **hold) for wheel in craft.wheels))
+    limits = Limits(rate=1.1 * DEGREE)
+    region = region_within(limits, hardware_limits(craft))
+    base = replace(paper_like_plan(), wheel_momentum=())
+    plan = paper_like_reference(base, region, 3, math.inf, rigid_body(craft))
+    assert not broken_limits(planned_margins(plan, craft, limits))
+    assert min(slew.angle for slew in plan.slews) == pytest.approx(30.0 * DEGREE)
+    (held,) = hold.values()
+    used = [m.used for m in planned_margins(plan, craft, limits) if m.allowed == held]
+    assert 0.7 * held < max(used) <= 0.8 * held  # all that there is but a reserve
+    # Wheels that turn at the start leave no such angles, however slowly.
+    turning = replace(paper_like_plan(), wheel_momentum=(0.0, 0.0, 0.76 * held))
+    plan = paper_like_reference(turning, region, 3, math.inf, rigid_body(craft))
+    assert not broken_limits(planned_margins(plan, craft, limits))
