@@ -23,7 +23,7 @@ from bayes_inertia.design.after_campaign import mission_after, plan_after
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.goals import parse_goal
-from bayes_inertia.design.limits import KeepOut, Limits
+from bayes_inertia.design.limits import KeepOut, Limits, rate_turned_at
 from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.result import Design
 from bayes_inertia.errors import CampaignError, require
@@ -145,9 +145,9 @@ def design_json(
 
 
 def limits_asked(request: DesignRequest, campaign: Campaign) -> Limits:
-    """The limits that are asked for; the largest rate is the campaign's own where none is given."""
+    """The limits that are asked for; without a largest rate, that which the campaign turned at."""
     usual = Limits()
-    own_rate = campaign.largest_rate() / (1.0 - usual.rate_reserve)
+    own_rate = rate_turned_at(campaign) / (1.0 - usual.rate_reserve)
     return Limits(
         rate=_radians(request.max_rate, own_rate),
         angle=_radians(request.max_angle, usual.angle),

@@ -31,7 +31,7 @@ from bayes_inertia.design.feasible_region import (
 )
 from bayes_inertia.design.goals import Goal, parse_goal, require_goal
 from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
-from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.limits import Limits, hardware_limits, rate_turned_at
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
@@ -248,7 +248,7 @@ def _checked(
     require_kind(limits, Limits | None, "key limits")
     require_kind(base, Plan | None, "key base")
     require_kind(after, Estimate | None, "key after")
-    return limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
+    return limits or Limits(rate=NUMERICS.default_rate / (1.0 - Limits().rate_reserve))
 
 
 def _begin(
@@ -312,7 +312,7 @@ def next_slew(
     what = "is another question for a single slew"
     require(single, "goal separate", what, "use separating_slew", error=DesignError)
     longest = max(slew.duration for slew in campaign.slews)
-    limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
+    limits = limits or Limits(rate=1.1 * rate_turned_at(campaign), total_time=2.0 * longest)
     base = plan_after(estimate)
     return design_plan(estimate, goal, limits, base=base, n_slews=1, seed=seed)
 

@@ -11,7 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import turning
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import require_number, require_positive
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import members
 from bayes_inertia.flight.plan import direction, unit_quaternion
 from bayes_inertia.flight.spacecraft import Spacecraft
@@ -130,6 +133,17 @@ class Limits:
         """
         plain = json_ready(self)
         return plain | {"keep_out": plain.pop("keep_out")}
+
+
+def rate_turned_at(campaign: Campaign) -> float:
+    """Largest rate of a campaign [rad/s]; 1 deg/s of one that shows no more than noise and bias."""
+    rate, seen = campaign.largest_rate(), campaign.body_rates
+    bias = max(campaign.rate_sensor.bias_sigma) if campaign.rate_sensor else 0.0
+    readings = (turning(seen.campaign, slew)[1] for slew in seen.campaign.slews)
+    spread = max((float(np.std(x, axis=0).max()) for x in readings if len(x)), default=0.0)
+    most = NUMERICS.noise_of_rest
+    at_rest = rate <= most * math.hypot(seen.noise, bias) and spread <= most * seen.noise
+    return NUMERICS.default_rate if at_rest else rate
 
 
 class HardwareLimits(NamedTuple):

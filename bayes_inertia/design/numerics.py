@@ -41,6 +41,9 @@ class Numerics:
     smallest_angle: float = math.radians(5.0)
     # Largest rate [rad/s] where nothing limits it.
     default_rate: float = math.radians(1.0)
+    # How many times the sd of noise and bias a rate is at most where nothing turns; noise alone
+    # reaches three.
+    noise_of_rest: float = 5.0
     # How many sds of the scale factors keep-out cones are widened by.
     scale_factor_sigmas: float = 2.5
     # Smallest fractions of rate and acceleration.

@@ -28,7 +28,7 @@ from bayes_inertia.design.information_forecast import (
     forecast_of,
     last_environment,
 )
-from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.limits import Limits, hardware_limits, rate_turned_at
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
@@ -114,12 +114,12 @@ def separating_slew(
     require_three_axes(mission.spacecraft, CampaignError)
     spacecraft = mission_after(mission, estimate).spacecraft
     longest = max(slew.duration for slew in campaign.slews)
-    limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
+    limits = limits or Limits(rate=1.1 * rate_turned_at(campaign), total_time=2.0 * longest)
     forecast, theta = forecast_separation(estimate, a, b)
     region = region_within(
         limits,
         hardware_limits(spacecraft),
-        default_rate=campaign.largest_rate(),
+        default_rate=rate_turned_at(campaign),
         scale_factor_sigma=float(estimate.sd[6 : estimate.model.n_base].max(initial=0.0)),
     )
     problem = PlanProblem(Goal("separate", (a.name, b.name)), forecast, theta[None], region)

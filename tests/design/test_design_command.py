@@ -8,12 +8,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import plan_folder
-from bayes_inertia.app.plan_folder import keep_outs, plans_named
+from bayes_inertia.app.options import DesignRequest
+from bayes_inertia.app.plan_folder import keep_outs, limits_asked, plans_named
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.limits import (
@@ -101,6 +103,24 @@ def test_what_a_plan_file_leaves_out_is_as_in_the_campaign(tmp_path, capsys):
     assert run("compare", EXAMPLE, path, "-o", tmp_path / "run") == 2
     error = f"{path}, key wheel_momentum_Nms: 4 momenta for 3 wheels"
     assert error in capsys.readouterr().err
+
+
+def at_rest(slew, rate):
+    seen = np.where(np.isfinite(slew.attitude), slew.attitude[slew.fixes][0], np.nan)
+    still = {key: np.zeros_like(getattr(slew, key)) for key in ("wheel_torque", "wheel_momentum")}
+    return replace(slew, rate=rate, attitude=seen, **still)
+
+
+@pytest.mark.parametrize(("noise", "bias"), [(2e-5, 0.0), (2e-5, 1e-4), (0.0, 0.0)])
+def test_without_a_largest_rate_it_is_one_degree_a_second_after_a_campaign_at_rest(noise, bias):
+    campaign, rng = read_campaign(EXAMPLE), np.random.default_rng(1)
+    moved = limits_asked(DesignRequest(), campaign)
+    assert moved.rate == pytest.approx(campaign.largest_rate() / (1.0 - moved.rate_reserve))
+    slews = tuple(at_rest(s, bias + noise * rng.normal(size=s.rate.shape)) for s in campaign.slews)
+    gyro = replace(campaign.rate_sensor, bias_sigma=(1e-4,) * 3)
+    rested = replace(campaign, rate_sensor=gyro, slews=slews)
+    limits = limits_asked(DesignRequest(), rested)
+    assert limits.rate == pytest.approx(DEGREE / (1.0 - limits.rate_reserve))
 
 
 def test_keep_out_cones_from_a_file(tmp_path):
