@@ -330,8 +330,12 @@ def _judged(
     """
     problem, limits = setup.problem, setup.limits
     flights = [fly(plan, mission, seed + i) for i, mission in enumerate(setup.missions)]
-    x, x_reference = (problem.variables(slew_arrays(p)) for p in (plan, setup.reference))
+    both = np.array([problem.variables(slew_arrays(p)) for p in (plan, setup.reference)])
+    x, x_reference = both
     slacks, layout = problem.least_slacks(x), problem.forecast.layout
+    # Those that `assess_plan` flies.
+    drawn = likely_missions(plan, setup.missions[0], NUMERICS.expected_flights + 1, 1)[1:]
+    sd, reference_sd = problem.parameter_sds(both, np.array([m.theta for m in drawn]))
     return Design(
         plan=plan,
         goal=problem.goal,
@@ -342,8 +346,8 @@ def _judged(
         reference_value=problem.value(x_reference),
         best_random=float(np.exp(feasible.min())) if len(feasible) else math.nan,
         random_plans=len(feasible),
-        sd=problem.parameter_sd(x),
-        reference_sd=problem.parameter_sd(x_reference),
+        sd=sd,
+        reference_sd=reference_sd,
         sd_before=problem.sd_before(),
         units=dict(zip(layout.names, layout.units, strict=True)),
         margins=planned_margins(plan, setup.missions[0].spacecraft, limits),

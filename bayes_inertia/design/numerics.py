@@ -11,7 +11,7 @@ class Numerics:
     """Fields by the file that reads them."""
 
     # `comparison.py`
-    # Flights that expected sds are averaged over.
+    # Truths that expected sds are averaged over.
     expected_flights: int = 24
 
     # `designer.py`

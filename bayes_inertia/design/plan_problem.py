@@ -6,6 +6,7 @@ given attitude, the last slew's rotation follows from the others.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -81,10 +82,18 @@ class PlanProblem:
             for name, values in self.score(x[None])[1].items()
         }
 
-    def parameter_sd(self, x: np.ndarray) -> dict[str, float]:
-        """Expected sds of all parameters for a plan (slews, 5), at the first truth."""
-        sd = self.score(x[None])[2][0]
-        return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
+    def parameter_sds(self, x: np.ndarray, truths: np.ndarray) -> list[dict[str, float]]:
+        """Sds of all parameters to expect of plans (n, slews, 5).
+
+        The root mean square over `truths` (k, 6 + axes), J and K as `thetas` has them.
+        """
+        at_null = np.tile(self.thetas[0], (len(truths), 1))
+        at_null[:, : truths.shape[1]] = truths
+        problem = replace(self, thetas=at_null)
+        found = np.array([problem.score(x, k)[2] for k in range(len(truths))])
+        names = self.forecast.layout.names
+        sds = np.sqrt(np.mean(found**2, axis=0)).tolist()
+        return [dict(zip(names, sd, strict=True)) for sd in sds]
 
     def sd_before(self) -> dict[str, float]:
         """Sds of all parameters before the plan is flown, in their units."""

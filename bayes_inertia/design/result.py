@@ -50,9 +50,8 @@ class Design:
     random_plans : int
         How many of the random plans were feasible.
     sd : dict of str to float
-        {parameter: expected sd} for the mean of what is known, of the motion as planned. It is
-        right to 1 % for the goal. Of parameters that hardly any slew shows, real flights tell more,
-        see `expected_sd`.
+        {parameter: expected sd} of the motion as planned, root mean square over draws of J and K.
+        Of parameters that hardly any slew shows, real flights tell more, see `expected_sd`.
     reference_sd : dict of str to float
         The same for `reference`.
     sd_before : dict of str to float
