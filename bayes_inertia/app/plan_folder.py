@@ -16,7 +16,7 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.options import DesignRequest, names_in
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.checked_toml import parse_toml
+from bayes_inertia.campaign.checked_toml import checked_document, parse_toml
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.schema import Part, Vector3
 from bayes_inertia.design.after_campaign import mission_after, plan_after
@@ -149,17 +149,22 @@ def limits_asked(request: DesignRequest, campaign: Campaign) -> Limits:
     usual = Limits()
     own_rate = rate_turned_at(campaign) / (1.0 - usual.rate_reserve)
     return Limits(
-        rate=_radians(request.max_rate, own_rate),
-        angle=_radians(request.max_angle, usual.angle),
-        acceleration=_radians(request.max_acceleration, usual.acceleration),
-        total_time=request.total_time,
+        rate=_given("--max-rate", "deg/s", request.max_rate, own_rate),
+        angle=_given("--max-angle", "deg", request.max_angle, usual.angle),
+        acceleration=_given("--max-acceleration", "deg/s^2", request.max_acceleration, None),
+        total_time=_given("--total-time", "s", request.total_time, None),
         end_attitude=_quaternion(request.end_attitude),
         keep_out=keep_outs(request.keep_out or ()),
     )
 
 
-def _radians(degrees: float | None, otherwise: float | None) -> Any:
-    return otherwise if degrees is None else math.radians(degrees)
+def _given(option: str, unit: str, value: float | None, otherwise: float | None) -> Any:
+    """A positive number of an option, degrees in radians."""
+    if value is None:
+        return otherwise
+    what, advice = f"{value:g} {unit} is not positive", f"give a positive number of {unit}"
+    require(0.0 < value < math.inf, option, what, advice)
+    return math.radians(value) if unit.startswith("deg") else value
 
 
 def _quaternion(text: str | None) -> tuple[float, float, float, float] | None:
@@ -187,41 +192,48 @@ def keep_outs(texts: Sequence[str]) -> tuple[KeepOut, ...]:
     """
     cones: list[KeepOut] = []
     for text in texts:
-        cones += _cones_in(Path(text)) if Path(text).is_file() else [_cone(text)]
+        cones += _cones_in(Path(text)) if Path(text).is_file() else _cone(text)
     return tuple(cones)
-
-
-def _cone(text: str) -> KeepOut:
-    name, *numbers = (part.strip() for part in text.split(","))
-    try:
-        x, y, z, angle = (float(number) for number in numbers)
-    except ValueError:
-        raise CampaignError(
-            "neither a file nor name,x,y,z,half_angle_deg",
-            where=f"keep-out {text!r}",
-            advice="write for example Sun,0.8,0.5,0.3,35",
-        ) from None
-    return KeepOut(name, (x, y, z), math.radians(angle))
 
 
 class _Cone(Part):
     name: str = Field(description='name = "Sun"')
     direction_N: Vector3 = Field(description="direction_N = [x, y, z], in inertial axes")
-    half_angle_deg: float = Field(description="half_angle_deg = 35.0")
+    half_angle_deg: float = Field(gt=0.0, lt=180.0, description="half_angle_deg = 35.0")
 
 
 class _Cones(Part):
     keep_out: list[_Cone] = Field(description="a table [[keep_out]] for each cone")
 
 
+def _cone(text: str) -> list[KeepOut]:
+    label, (name, *numbers) = f"--keep-out {text!r}", (part.strip() for part in text.split(","))
+    try:
+        x, y, z, angle = (float(number) for number in numbers)
+    except ValueError:
+        raise CampaignError(
+            "neither a file nor name,x,y,z,half_angle_deg",
+            where=label,
+            advice="write for example Sun,0.8,0.5,0.3,35",
+        ) from None
+    cone = {"name": name, "direction_N": [x, y, z], "half_angle_deg": angle}
+    return _made(checked_document({"keep_out": [cone]}, label, _Cones), label)
+
+
 def _cones_in(path: Path) -> list[KeepOut]:
     label = str(path)
-    cones = parse_toml(text_of(read_bytes(path), label), label, _Cones).keep_out
-    return [
-        KeepOut(cone.name, (x, y, z), math.radians(cone.half_angle_deg))
-        for cone in cones
-        for x, y, z in [cone.direction_N]
-    ]
+    return _made(parse_toml(text_of(read_bytes(path), label), label, _Cones), label)
+
+
+def _made(stated: _Cones, label: str) -> list[KeepOut]:
+    try:
+        return [
+            KeepOut(cone.name, (x, y, z), math.radians(cone.half_angle_deg))
+            for cone in stated.keep_out
+            for x, y, z in [cone.direction_N]
+        ]
+    except CampaignError as error:
+        raise error.inside(label) from None
 
 
 _RESULTS = ("plan.toml", "design.png", "design.html")

@@ -70,6 +70,11 @@ def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monk
         (("--keep-out", "Sun,1,0"), ("Sun,1,0", "half_angle_deg")),
         (("--goal", "separate:wheel_friction,constant_tork"), ("constant_torque",)),
         (("--max-rate", "-1"), ("rate", "positive")),
+        (("--max-rate", "-1"), ("error: --max-rate: -1 deg/s is not positive",)),
+        (("--max-angle", "0"), ("error: --max-angle: 0 deg is not positive",)),
+        (("--total-time", "nan"), ("error: --total-time: nan s is not positive",)),
+        (("--keep-out", "Sun,1,0,0,190"), ("--keep-out 'Sun", "190.0 is too large", "than 180")),
+        (("--keep-out", "Sun,0,0,0,30"), ("--keep-out 'Sun", "direction_N: ", "no direction")),
         (("--end-attitude", "0,0,1"), ("end_attitude", "quaternion")),
     ],
 )
