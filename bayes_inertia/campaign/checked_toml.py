@@ -93,7 +93,10 @@ def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str
     known = {
         "float_type": (f"{shown} is not a number", "write a number without quotes, such as 0.04"),
         "finite_number": (f"{shown} is not finite", "write a finite number"),
-        "less_than": (f"{shown} is too large", message.replace("Input should be", "write a number")),
+        "less_than": (
+            f"{shown} is too large",
+            message.replace("Input should be", "write a number"),
+        ),
         "greater_than": (f"{shown} is not positive", "write a positive number"),
         "greater_than_equal": (f"{shown} is negative", "write 0 or more"),
         "string_type": (f"{shown} is not text", 'write text in quotes, such as "slew 1"'),

@@ -450,12 +450,13 @@ def paper_like_reference(
         return replace(base, name=f"{n} slews like the paper's", slews=slews)
 
     plan, share, pace = reduced(1.0, 1.0), 1.0, 1.0
+    slowest, _ = NUMERICS.smallest_fractions
+    in_vain = not is_driven(reduced(0.0, slowest), region, body)  # the start breaks a limit
     for _ in range(2 * NUMERICS.most_reductions):
-        driven = is_driven(plan, region, body)
+        driven = in_vain or is_driven(plan, region, body)
         in_time = plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9
         if driven and in_time:
             break
-        slowest, _ = NUMERICS.smallest_fractions
         slower_helps = not driven and is_driven(reduced(share, slowest), region, body)
         pace *= NUMERICS.reduction if slower_helps else 1.0
         share *= 1.0 if in_time and (driven or slower_helps) else NUMERICS.reduction

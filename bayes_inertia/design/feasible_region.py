@@ -230,14 +230,14 @@ def require_feasible(
     still = replace(smallest, angle=NUMERICS.negligible_angle)
     at_start = replace(base, slews=(still,))
     margins = planned_margins(at_start, spacecraft, limits)
-    what = "broken before the first slew"
-    advice = "start in another attitude, or with slower wheels"
-    _require_rest(margins, ("keep-out", "momentum", "reach"), what, "start", advice)
+    what, place = "broken before the first slew", "at the start"
+    _require_rest(margins, ("keep-out",), what, "start", "start in another attitude", place)
+    _require_rest(margins, ("momentum", "reach"), what, "start", "start with slower wheels")
     if limits.end_attitude is not None:
         at_end = replace(at_start, start_attitude=limits.end_attitude)
         what, advice = "the end attitude itself breaks a limit", "end in another attitude"
         margins = planned_margins(at_end, spacecraft, limits)
-        _require_rest(margins, ("keep-out",), what, "limit end attitude", advice)
+        _require_rest(margins, ("keep-out",), what, "limit end attitude", advice, "at the end")
 
 
 def require_three_axes(spacecraft: Spacecraft, error: type[BayesInertiaError]) -> None:
@@ -265,8 +265,15 @@ def _require_time(shortest: Plan, limits: Limits) -> None:
 
 
 def _require_rest(
-    margins: Sequence[Margin], kinds: tuple[str, ...], what: str, where: str, advice: str
+    margins: Sequence[Margin],
+    kinds: tuple[str, ...],
+    what: str,
+    where: str,
+    advice: str,
+    place: str = "the campaign",
 ) -> None:
-    """An error where a rest itself breaks a limit of one of these kinds."""
+    """An error where a rest itself breaks a limit of one of these kinds; `place` of a margin."""
     for margin in broken_limits([m for m in margins if m.limit.startswith(kinds)]):
-        raise DesignError(f"{what}: {margin.says}", where=where, advice=advice)
+        raise DesignError(
+            f"{what}: {replace(margin, where=place).says}", where=where, advice=advice
+        )

@@ -91,13 +91,17 @@ INFEASIBLE = {
     ),
     "start in the Sun": (
         Limits(keep_out=(KeepOut("Sun", (-0.35, 0.94, 0.05), 1.0),)),
-        "before the first slew: keep-out Sun",
+        "before the first slew: keep-out Sun.* at the start, .*; start in another attitude$",
+    ),
+    "start with fast wheels": (
+        Limits(rate=0.02),
+        r"before the first slew: momentum of wheel_z: 0.07 N m s, 0.04 .*with slower wheels$",
     ),
     "end in the Moon": (
         Limits(
             end_attitude=(0.0, 0.0, 0.0, 1.0), keep_out=(KeepOut("Moon", (0.0, 0.0, 1.0), 0.2),)
         ),
-        "end attitude.*keep-out Moon",
+        "end attitude.*keep-out Moon.* at the end, ",
     ),
 }
 
@@ -112,6 +116,9 @@ def test_infeasible_requests_say_which_limit_binds(case, mission):
     )
     if case == "start in the Sun":
         limits = Limits(keep_out=(KeepOut("Sun", tuple(boresight), 0.3),))
+    if case == "start with fast wheels":
+        wheels = tuple(replace(w, max_momentum=0.04) for w in mission.spacecraft.wheels)
+        mission = replace(mission, spacecraft=replace(mission.spacecraft, wheels=wheels))
     with pytest.raises(DesignError, match=message):
         design_plan(mission, limits=limits)
 
