@@ -372,7 +372,8 @@ def run_compare(
     owner = ResultFolder(
         folder, "comparison", "compare.json", COMPARISON_FORMAT, digest, options, results
     )
-    owner.holds_this_work()
+    if not owner.holds_this_work() and simulated:
+        owner.claim()  # before the first fit is kept
     contenders = compare_plans(
         named,
         Mission.of(flown),

@@ -21,7 +21,7 @@ from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.limits import (
     KeepOut,
 )
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 
@@ -94,6 +94,20 @@ def test_compare_wants_plans_that_exist(tmp_path, capsys):
     (tmp_path / "taken" / "compare.png").write_text("mine")
     assert run("compare", EXAMPLE, "paper", "-o", tmp_path / "taken") == 2
     assert (tmp_path / "taken" / "compare.png").read_text() == "mine"
+
+
+def test_a_comparison_claims_its_folder_before_fits_are_kept(tmp_path, monkeypatch):
+    def interrupted(*args, folder, **kwargs):
+        assert not folder.exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plan_folder, "compare_plans", interrupted)
+    for simulated in (0, 2):
+        with pytest.raises(KeyboardInterrupt):
+            plan_folder.run_compare(EXAMPLE, ["paper"], tmp_path / "run", simulated=simulated)
+        assert (tmp_path / "run" / "compare.json").exists() == bool(simulated)
+    with pytest.raises(OutputError, match="other seed"):
+        plan_folder.run_compare(EXAMPLE, ["paper"], tmp_path / "run", simulated=2, seed=5)
 
 
 def test_what_a_plan_file_leaves_out_is_as_in_the_campaign(tmp_path, capsys):
