@@ -32,7 +32,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
 # What the names of such plans say.
-_REFERENCE = "slews like the paper's"
+_REFERENCE = "like the paper's"
 
 
 @array_dataclass

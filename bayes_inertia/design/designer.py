@@ -38,7 +38,7 @@ from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.result import Design
 from bayes_inertia.errors import DesignError, members, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
-from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_motion import (
     RigidBody,
@@ -232,7 +232,7 @@ def design_plan(
     say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
-    base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
+    base = replace(base, name=f"{counted_slews(n_slews)} for {parsed_goal}")
     plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
     say("flying the plan", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
@@ -447,7 +447,7 @@ def paper_like_reference(
             )
             for slew, ramp in zip(paper, ramps.tolist(), strict=True)
         )
-        return replace(base, name=f"{n} slews like the paper's", slews=slews)
+        return replace(base, name=f"{counted_slews(n)} like the paper's", slews=slews)
 
     plan, share, pace = reduced(1.0, 1.0), 1.0, 1.0
     slowest, _ = NUMERICS.smallest_fractions

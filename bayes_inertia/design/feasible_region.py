@@ -21,7 +21,7 @@ from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import Margin, broken_limits, demands, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError, require
-from bayes_inertia.flight.plan import Plan, PlannedSlew
+from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews
 from bayes_inertia.flight.planned_motion import (
     PlannedMotion,
     PlanTimes,
@@ -256,7 +256,7 @@ def _require_time(shortest: Plan, limits: Limits) -> None:
     if allowed is None or needed <= allowed + 1e-9:
         return
     short = math.ceil(needed - allowed)
-    what = f"{n} slew{'s' if n > 1 else ''} need at least {math.ceil(needed)} s"
+    what = f"{counted_slews(n)} need at least {math.ceil(needed)} s"
     raise DesignError(
         f"{what}, {allowed:.6g} s allowed ({short} s too few)",
         where="limit total time",

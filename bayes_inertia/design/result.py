@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from bayes_inertia.design.goals import GOALS, Goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits
-from bayes_inertia.flight.plan import Plan, slews_card
+from bayes_inertia.flight.plan import Plan, counted_slews, slews_card
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
 
 
@@ -17,9 +17,10 @@ def _card(design: Design) -> Card:
     _, unit = GOALS[design.goal.kind]
     power = exponent(design.value, 0.0)
     value = f"{number(design.value, design.value, power)} {unit_text(unit, power)}"
+    gain, better = design.gain, "better" if design.gain >= 1.0 else "worse"
     lines = (
-        f"Design of {len(plan.slews)} slews for {design.goal}: {value}, limits {limits}",
-        f"{design.gain:.2g} times better than slews like the paper's in the same time",
+        f"Design of {counted_slews(len(plan.slews))} for {design.goal}: {value}, limits {limits}",
+        f"{max(gain, 1.0 / gain):.2g} times {better} than slews like the paper's in the same time",
     )
     return replace(slews_card(plan), lines=lines)
 

@@ -27,7 +27,7 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Plan, PlannedSlew, ramp_factor
+from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, ramp_factor
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -234,7 +234,8 @@ def other_slews(plan: Plan, campaign: Campaign) -> str:
     ''
     """
     if len(plan.slews) != len(campaign.slews):
-        return f"it has {_counted(len(plan.slews))}, the campaign {_counted(len(campaign.slews))}"
+        it_has, has = (counted_slews(len(x.slews)) for x in (plan, campaign))
+        return f"it has {it_has}, the campaign {has}"
     seen = campaign.with_body_rates
     for planned, flown in zip(plan.slews, seen.slews, strict=True):
         rate_B = _rate_B(flown, seen.gyro)
@@ -244,10 +245,6 @@ def other_slews(plan: Plan, campaign: Campaign) -> str:
         if difference:
             return f"{flown.name} {difference}"
     return ""
-
-
-def _counted(n: int) -> str:
-    return f"{n} slew{'s' if n != 1 else ''}"
 
 
 def _other_rotation(planned: PlannedSlew, flown: Slew, rate_B: np.ndarray | None) -> str:

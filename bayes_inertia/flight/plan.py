@@ -162,6 +162,15 @@ class PlannedSlew:
         return self.angle / peak + factor * peak / self.acceleration
 
 
+def counted_slews(n: int) -> str:
+    """How many slews, in words.
+
+    >>> counted_slews(1), counted_slews(5)
+    ('1 slew', '5 slews')
+    """
+    return f"{n} slew{'s' if n != 1 else ''}"
+
+
 def slews_card(plan: Plan) -> Card:
     """How long it takes, and the slews to fly."""
     rows = tuple(
@@ -174,7 +183,8 @@ def slews_card(plan: Plan) -> Card:
         )
         for k, row in enumerate(plan.slew_rows(), 1)
     )
-    first = f"Plan {plan.name}: {len(rows)} slews in {plan.starts[-1] + plan.durations[-1]:.4g} s"
+    lasts = plan.starts[-1] + plan.durations[-1]
+    first = f"Plan {plan.name}: {counted_slews(len(rows))} in {lasts:.4g} s"
     return Card((first,), ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
 
 

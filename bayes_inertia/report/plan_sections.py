@@ -90,7 +90,7 @@ def slews_table(plans: Mapping[str, Any]) -> Table:
             f"({vector_text(row['axis_B'], 3)})",
             f"{row['angle_deg']:.1f}",
             f"{row['rate_deg_s']:.3f}",
-            f"{row['acceleration_deg_s2']:.3f}",
+            two_digits(row["acceleration_deg_s2"]),
             f"{row['start_s']:.0f}",
             f"{row['duration_s']:.0f}",
         )

@@ -79,7 +79,8 @@ def test_simulate_says_which_limits_the_plan_breaks_and_flies_it(tmp_path, capsy
     quick = PlannedSlew((1.0, 0.0, 0.0), 0.1, acceleration=0.02)
     write_plan(replace(paper_like_plan(), slews=(quick,)), tmp_path / "plan.toml")
     assert run("simulate", "-o", tmp_path / "out", "--plan", tmp_path / "plan.toml") == 0
-    told = capsys.readouterr().err
+    out, told = capsys.readouterr()
+    assert "wrote 1 slew and truth.json" in out
     assert "limits broken" in told
     assert "torque of wheel_x: 0.06" in told
     assert "0.02 N m allowed" in told

@@ -13,15 +13,17 @@ from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin
 from bayes_inertia.design.result import Design
-from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.formatting import NOT_GIVEN
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.design import draw_comparison
+from bayes_inertia.report.pictures.figure_file import figure_bytes
 from bayes_inertia.report.plan_sections import (
     comparison_sections,
     costs_table,
     design_sections,
+    slews_table,
 )
 
 SDS = np.array([2.7e-4, 7e-5, 1.8e-4, 5.7e-5, 5.6e-5, 6.2e-5, 9.2e-5, 9.1e-5, 2.2e-4])
@@ -75,6 +77,17 @@ def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
     assert "sd now after the plan × 10⁻⁵ after the paper's slews × 10⁻⁵ times sharper" in text
     assert "Jxy kg m² 0.030 5.7 11 526" in text
     assert "Now: the prior." in text
+    worse = replace(DESIGN, value=1.2e-4, reference_value=6.0e-5)
+    text = text_of(design_sections(worse, (PLAN, PAPER), after=False))
+    assert "kg m², 2 times larger than with slews like the paper's (6.0 × 10⁻⁵ kg m²)." in text
+    assert "2 times worse than slews like the paper's" in str(worse)
+
+
+def test_gentle_ramps_of_slews_are_told_apart():
+    ramps = (0.05, 0.00123, 0.0004)
+    slews = tuple(PlannedSlew((1.0, 0.0, 0.0), 1.0, 0.01, np.radians(x)) for x in ramps)
+    rows = slews_table({"": replace(PLAN.plan, slews=slews)}).rows
+    assert [row[4] for row in rows] == ["0.050", "0.0012", "4.0 × 10⁻⁴"]
 
 
 @pytest.mark.parametrize(("design", "level"), [(DESIGN, "good"), (BROKEN, "bad")])
@@ -117,3 +130,9 @@ def test_what_a_plan_asks_of_thrusters_is_drawn():
     figure = draw_comparison([replace(PLAN, margins=(margin,))])
     texts = [text.get_text() for part in figure.subfigs for a in part.axes for text in a.texts]
     assert "reach 80 %" in texts
+
+
+def test_a_limit_that_is_broken_many_times_leaves_room_for_the_axes(recwarn):
+    margin = replace(PLAN.margins[0], used=0.3, left=-14.0)
+    figure_bytes(draw_comparison([PAPER, replace(PLAN, margins=(margin,))]), "png")
+    assert not recwarn.list

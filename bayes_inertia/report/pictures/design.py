@@ -114,7 +114,8 @@ def _costs(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -
         for k, key in enumerate(sorted(shares)):
             place, alpha = y + 0.32 * (k - 0.5 * (len(shares) - 1)), 0.5 if key == "torque" else 1.0
             axes.barh(place, shares[key], height=0.28, color=colors[y], alpha=alpha)
-            text = style.note(axes, shares[key] + 1.5, place, f"{key} {shares[key]:.0f} %")
+            beside = min(shares[key], 100.0) + 1.5  # within the axes however long the bar
+            text = style.note(axes, beside, place, f"{key} {shares[key]:.0f} %")
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     axes.axvline(100.0, color=style.MUTED, ls=(0, (4, 2)), zorder=0)
     axes.set(xlim=(0.0, 150.0), xlabel="largest use of a limit [%]")
