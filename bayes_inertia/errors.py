@@ -99,7 +99,15 @@ def kind_of(value: Any) -> str:
     >>> kind_of(3), kind_of("x")
     ('an int', 'a str')
     """
-    name = type(value).__name__
+    return with_article(type(value).__name__)
+
+
+def with_article(name: str) -> str:
+    """The name of a kind with "a" or "an".
+
+    >>> with_article("Estimate"), with_article("Plan")
+    ('an Estimate', 'a Plan')
+    """
     return f"an {name}" if name.startswith((*"AEIOaeio", "nd")) else f"a {name}"
 
 
@@ -119,7 +127,7 @@ def require_kind(
     """
     kinds = [each.__name__ for each in get_args(kind) or (kind,) if each is not NoneType]
     names = " or ".join(dict.fromkeys(kinds))
-    what, advice = f"{kind_of(value)} is no {names}", advice or f"give a {names}"
+    what, advice = f"{kind_of(value)} is no {names}", advice or f"give {with_article(names)}"
     require(isinstance(value, kind), where, what, advice, error=error)
 
 

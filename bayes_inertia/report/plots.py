@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.errors import SettingsError, members, require_kind
+from bayes_inertia.errors import SettingsError, members, require_kind, with_article
 from bayes_inertia.maths.values import require_flags, whole_number
 from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
@@ -48,7 +48,7 @@ def _on_axes[**P](plot: Callable[P, Axes]) -> Callable[P, Axes]:
         shown = args[0] if args else kwargs.get(first)
         if wanted not in [kind.__name__ for kind in type(shown).__mro__]:
             what = f"a {type(shown).__name__} was given"
-            raise SettingsError(what, where=first, advice=f"give a {wanted}")
+            raise SettingsError(what, where=first, advice=f"give {with_article(wanted)}")
         ax = kwargs.get("ax")
         advice = "give one Axes: of plt.subplots(1, 2) one by its number, ax=axes[0]"
         require_kind(ax, Axes | None, "ax", advice, error=SettingsError)
