@@ -11,6 +11,8 @@ from markdown_it import MarkdownIt
 
 import bayes_inertia as bi
 from bayes_inertia.app.cli import COMMANDS
+from bayes_inertia.design.goals import GOALS
+from bayes_inertia.files import vocabulary
 
 ROOT = Path(bi.__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -24,6 +26,13 @@ def test_every_command_has_a_manual_page():
     assert Counter(name for names in named for name in names) == Counter(list(COMMANDS))
     without = [path.name for path, text in pages.items() if "exit code" not in text.lower()]
     assert without == []
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_every_goal_is_named_in_the_help_and_in_both_tables(goal):
+    pages = [DOCS / "how_to" / "plan.md", DOCS / "method" / "forecasts.md"]
+    assert all(f"| `{goal}" in page.read_text(encoding="utf-8") for page in pages)
+    assert goal in vocabulary("app")["of"]["design"]["goal"]
 
 
 def test_every_public_name_is_in_the_reference_once():
