@@ -448,10 +448,10 @@ def run_simulate(
 
 
 def limits_broken(plan: Plan, mission: Mission) -> tuple[str, ...]:
-    """The limits that a plan breaks, in one sentence; none where it keeps all."""
+    """The limits that a plan breaks, in one note; none where it keeps all."""
     broken = broken_limits(planned_margins(plan, mission.spacecraft, Limits()))
     said = "; ".join(margin.says for margin in broken)
-    return (f"limits broken, so it is not flown as planned: {said}",) if broken else ()
+    return (f"limits broken: {said}",) if broken else ()
 
 
 def _drawn_mission(campaign: Campaign, seed: int) -> Mission:

@@ -281,7 +281,8 @@ def next_slew(
     estimate : Estimate
         The campaign's fit.
     limits : Limits, optional
-        None for 1.1 times the campaign's largest rate and twice the time of its longest slew.
+        None for 1.1 times the campaign's largest rate (1 deg/s if it rested) and twice the time of
+        its longest slew.
     goal : str or Goal, optional
         Any but `separate`, for which there is `separating_slew`.
     seed : int, optional

@@ -84,7 +84,8 @@ def separating_slew(
     a, b : Effect
         The two effects.
     limits : Limits, optional
-        None for 1.1 times the campaign's largest rate, and twice the time of its longest slew.
+        None for 1.1 times the campaign's largest rate (1 deg/s if it rested), and twice the time
+        of its longest slew.
     seed : int, optional
         Of the search.
 

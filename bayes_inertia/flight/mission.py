@@ -27,7 +27,7 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, ramp_factor
+from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, ramp_factor, whole_periods
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -193,7 +193,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
     between, throughout = _fix_spacing(campaign)
     rest, spacing = (
-        max(1, round(x / period)) * period for x in (base.rest_before, between or base.fix_spacing)
+        whole_periods(x, period) for x in (base.rest_before, between or base.fix_spacing)
     )
     return replace(
         base,

@@ -162,6 +162,15 @@ class PlannedSlew:
         return self.angle / peak + factor * peak / self.acceleration
 
 
+def whole_periods(time: float, period: float) -> float:
+    """The time nearest to another one that is a multiple of a period, one or more [s].
+
+    >>> whole_periods(20.0, 3.0), whole_periods(0.5, 2.0)
+    (21.0, 2.0)
+    """
+    return max(1, round(time / period)) * period
+
+
 def counted_slews(n: int) -> str:
     """How many slews, in words.
 

@@ -37,6 +37,9 @@ def test_what_a_plan_file_leaves_out_is_as_in_the_base(tmp_path):
     path.write_text(f'format = "bayes-inertia-plan/1"\nname = "by hand"\nsettle_s = 40\n{slew}')
     expected = replace(base, name="by hand", settle=40.0, slews=base.slews[:1])
     assert read_plan(path, base) == expected
+    # Times that it leaves out follow its period.
+    path.write_text(path.read_text().replace("settle_s = 40", "telemetry_period_s = 0.3"))
+    assert read_plan(path, base).rest_before == pytest.approx(67 * 0.3)
     # A plan that was written has left nothing out.
     other = replace(base, fixes_in_motion=False)
     assert read_plan(write_plan(other, path, overwrite=True), base) == other
