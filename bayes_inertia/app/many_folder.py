@@ -244,7 +244,7 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
         row |= {f"{name}_{key}": moment.get(key) for key in ("quoted_sd", "robust_sd")}
     # What `history` and `fleet` read.
     row["likelihood"] = json.dumps(summary["likelihood"])
-    row["includes_wheel_spin"] = summary["includes_wheel_spin"]
+    row["includes_wheel_spin"] = summary.get("includes_wheel_spin")
     chi2 = summary["fit"]["reduced_chi2"]
     row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
     row["n_data"] = summary["fit"]["n_data"]

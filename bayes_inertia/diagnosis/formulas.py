@@ -102,7 +102,8 @@ def blocks(
         rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
         for name in (p for p in places if rms > 0.0 and _allowed(p, key, model)):
             place = PLACES[name]
-            formula = Formula(name, key, "full", wheel=wheel, rms=rms, middle=middle)
+            form = "off_diagonal" if _holds_K(name, key, model) else "full"
+            formula = Formula(name, key, form, wheel=wheel, rms=rms, middle=middle)
             rows = len(model.campaign.wheels) if place.rows == "wheels" else 3
             columns = _columns(response, name, place.size(model.campaign) / rms * values, rows)
             if columns.any():
@@ -147,7 +148,18 @@ def _allowed(place: str, key: str, model: Model) -> bool:
         return acts and knows(place, key) and not (driver.of_one_wheel or driver.needs)
     if place == "inertial_torque" and driver.columns not in ("one", "wheels"):
         return False
+    if place == "rate_error" and key == "wheel_rates":
+        # The body's rates once more.
+        return False
     return knows(place, key) and not (place == "rate_error" and campaign.rate_sensor is None)
+
+
+def _holds_K(place: str, key: str, model: Model) -> bool:
+    """Whether the diagonal of C is K, which is fitted: free once more it would not be known."""
+    sensor = model.campaign.rate_sensor
+    if (place, key) != ("rate_error", "rate") or sensor is None:
+        return False
+    return np.array_equal(sensor.axes, np.eye(3))
 
 
 def _along(response: TorqueResponse, asked: tuple[tuple[str, int], ...]) -> tuple[np.ndarray, ...]:
@@ -286,19 +298,21 @@ def _terms(block: Block) -> Iterator[tuple[Formula, np.ndarray]]:
     """Each form of a matrix of coefficients, and its basis (rows columns, coefficients)."""
     rows, columns = block.shape
     unit = np.eye(rows * columns).reshape(rows, columns, -1)
-    yield block.formula, unit.reshape(rows * columns, -1)
-    for i in range(rows):
-        for j in range(columns):
-            yield _form(block, "entry", row=i, column=j), unit[i, j][:, None]
-    if columns > 1:
+    whole = block.formula.form == "full"
+    free = np.full((rows, columns), True) if whole else ~np.eye(rows, dtype=bool)
+    yield block.formula, unit[free].T
+    for i, j in np.argwhere(free).tolist():
+        yield _form(block, "entry", row=i, column=j), unit[i, j][:, None]
+    if columns > 1 and whole:
         for j in range(columns):
             yield _form(block, "column", column=j), unit[:, j].T
     kinds = PLACES[block.formula.place].rows, driver_of(block.formula.driver).columns
     if rows == columns > 1 and kinds[0] == kinds[1]:
         own = np.arange(rows)
         diagonal = unit[own, own].T
-        yield _form(block, "diagonal"), diagonal
-        yield _form(block, "scalar"), diagonal.sum(1, keepdims=True)
+        if whole:
+            yield _form(block, "diagonal"), diagonal
+            yield _form(block, "scalar"), diagonal.sum(1, keepdims=True)
         if kinds[1] == "body":
             a, b = np.roll(own, -1), np.roll(own, 1)
             # c x d: row i is c_{i+1} d_{i+2} - c_{i+2} d_{i+1}.

@@ -29,6 +29,7 @@ FORMULAS = (
     Formula("inertial_torque", "constant", "full"),
     Formula("wheel_torque", "wheel_signed_squares", "full"),
     Formula("rate_error", "wheel_speeds", "full"),
+    Formula("rate_error", "rate_times_time", "full"),
     Formula("attitude_error", "time_in_slew", "full"),
     Formula("tachometer_error", "wheel_rates", "full"),
     Formula("body_torque", "inertial_sun", "full"),
@@ -77,6 +78,39 @@ def test_columns_are_the_derivatives_of_the_model(fit):
 def test_prior_probabilities_of_all_terms_add_up_to_one(search):
     assert logsumexp([term.log_prior for term in search.terms]) == pytest.approx(0.0, abs=1e-9)
     assert len({term.formula.name for term in search.terms}) == len(search.terms) > 500
+
+
+@pytest.mark.slow
+def test_an_error_in_proportion_to_the_rate_leaves_the_scale_factors_to_K(search):
+    """Its diagonal is K: free once more, K would not be known at all."""
+    held = [
+        t.formula for t in search.terms if t.formula.name.startswith("formula_rate_error_rate_")
+    ]
+    held = [f for f in held if f.driver == "rate"]
+    assert {f.form for f in held} == {"off_diagonal", "entry", "cross"}
+    assert all(f.row != f.column for f in held if f.form == "entry")
+    assert not any(
+        (t.formula.place, t.formula.driver) == ("rate_error", "wheel_rates") for t in search.terms
+    )
+
+
+def test_all_but_the_diagonal_multiplies_the_driver():
+    formula = Formula("rate_error", "rate", "off_diagonal")
+    assert Formula.of_name(formula.name) == formula
+    assert formula.text == "rate error = C ω with no diagonal in C"
+    (parameter,) = formula.parameters(small_campaign())
+    assert parameter.components == ("xy", "xz", "yx", "yz", "zx", "zy")
+    acting = formula._of_driver(np.arange(1.0, 7.0), np.array([1.0, 10.0, 100.0]))
+    np.testing.assert_allclose(acting, [210.0, 403.0, 65.0])
+
+
+def test_a_headline_with_several_answers_names_no_formula_alone():
+    name = "formula_rate_error_wheel_commands_full"
+    content = {"verdict": "formula", "named": [name], "ambiguous_with": []}
+    assert headline(content).endswith("Its formula: rate error = C u_w.")
+    several = headline(content | {"ambiguous_with": [[name, "nameless_rate_error"]]})
+    assert "Several answers are left: " in several
+    assert several.endswith("This campaign cannot tell.")
 
 
 @pytest.mark.long

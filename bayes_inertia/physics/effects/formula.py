@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from bayes_inertia.files import vocabulary
@@ -158,6 +159,8 @@ _VALUES: Mapping[str, Callable[[SlewContext, Array, State, int], Array]] = {
     "speed_squared": lambda s, t, x, w: (x.rate_B @ x.rate_B)[None],
     "rate": lambda s, t, x, w: x.rate_B,
     "rate_times_speed": lambda s, t, x, w: _norm(x.rate_B) * x.rate_B,
+    # A scale factor that drifts, where it is a sensor's error.
+    "rate_times_time": lambda s, t, x, w: (s.start + t - s.middle) * x.rate_B,
     "rate_squares": lambda s, t, x, w: x.rate_B**2,
     "rate_products": lambda s, t, x, w: _products(x.rate_B),
     "momentum": lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum,
@@ -233,7 +236,7 @@ def _is_known(campaign, driver: Driver) -> bool:
 
 
 _BODY = ("x", "y", "z")
-FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry")
+FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry", "off_diagonal")
 _NAMES = re.compile(
     f"formula_({'|'.join(PLACES)})_({'|'.join(DRIVERS)}|{_INPUT.pattern})_({'|'.join(FORMS)})((?:_[0-9]+)*)"
     "(?:_wheel([0-9]+))?"
@@ -253,8 +256,9 @@ class Formula(RowByRow):
         What it is in proportion to: a key of `DRIVERS`; or a stream of `Slew.inputs`, such as a
         temperature: "input_NAME" (one number), "vector_NAME" (x, y, z in body axes) or
         "inertial_NAME" (in inertial axes).
-    form : {"full", "diagonal", "scalar", "cross", "column", "entry"}, optional
-        All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry.
+    form : {"full", "diagonal", "scalar", "cross", "column", "entry", "off_diagonal"}, optional
+        All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry; all
+        but the diagonal.
     row, column : int, optional
         Which entry or column, from 0.
     wheel : int, optional
@@ -363,6 +367,7 @@ class Formula(RowByRow):
             "diagonal": f"diag(c) {symbol}",
             "scalar": f"c {symbol}",
             "cross": f"c × ({symbol})",
+            "off_diagonal": f"C {symbol} with no diagonal in C",
         }
         part = _part_of(driver.columns, self.column)
         left = f" {_part_of(place.rows, self.row)}" if self.form == "entry" else ""
@@ -393,7 +398,8 @@ class Formula(RowByRow):
         what = f"errors of a sensor do not follow {self.driver!r}"
         advice = "choose a driver of rates, momenta, commands or time"
         require_of_effect(knows(self.place, self.driver), self, what, advice)
-        good = self.form not in ("diagonal", "scalar", "cross") or rows == columns
+        square = ("diagonal", "scalar", "cross", "off_diagonal")
+        good = self.form not in square or rows == columns
         good = good and not (self.form == "cross" and rows and rows != 3)
         what = f"{rows} rows and {columns} columns of C have no form {self.form!r}"
         require_of_effect(good, self, what, "choose full, column or entry")
@@ -407,7 +413,10 @@ class Formula(RowByRow):
             return (_entry(row, column) if len(columns) > 1 else rows[0],)
         if self.form in ("diagonal", "scalar", "cross", "column") or len(columns) == 1:
             return rows
-        return tuple(_entry(row, column) for row in rows for column in columns)
+        every = self.form == "full"
+        return tuple(
+            _entry(row, column) for row in rows for column in columns if every or row != column
+        )
 
     def acts(self, hook):
         return hook == PLACES[self.place].hook
@@ -419,6 +428,10 @@ class Formula(RowByRow):
         """C d: (m,) of coefficients (k,) and a driver's values."""
         if self.form == "full":
             return jnp.reshape(c, (-1, len(d))) @ d
+        if self.form == "off_diagonal":
+            return (
+                jnp.zeros((len(d), len(d))).at[np.nonzero(~np.eye(len(d), dtype=bool))].set(c) @ d
+            )
         if self.form in ("diagonal", "scalar"):
             return c * d
         if self.form == "cross":
