@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel
@@ -85,6 +86,10 @@ DRIVEN_BY_LIBRARY = (
 )
 
 
+# The diagonal of its C is K, which is fitted anyway.
+_OF_K = ("rate_error", "rate")
+
+
 def told_blocks(response: TorqueResponse) -> Iterator[Block]:
     """Torques on the body and errors of the rates that follow what a sentence can say."""
     told = (d for d in drivers(response) if driver_of(d.key).words)
@@ -102,7 +107,7 @@ def blocks(
         rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
         for name in (p for p in places if rms > 0.0 and _allowed(p, key, model)):
             place = PLACES[name]
-            form = "off_diagonal" if _holds_K(name, key, model) else "full"
+            form = "hollow" if (name, key) == _OF_K else "full"
             formula = Formula(name, key, form, wheel=wheel, rms=rms, middle=middle)
             rows = len(model.campaign.wheels) if place.rows == "wheels" else 3
             columns = _columns(response, name, place.size(model.campaign) / rms * values, rows)
@@ -148,18 +153,18 @@ def _allowed(place: str, key: str, model: Model) -> bool:
         return acts and knows(place, key) and not (driver.of_one_wheel or driver.needs)
     if place == "inertial_torque" and driver.columns not in ("one", "wheels"):
         return False
-    if place == "rate_error" and key == "wheel_rates":
-        # The body's rates once more.
-        return False
-    return knows(place, key) and not (place == "rate_error" and campaign.rate_sensor is None)
+    if place == "rate_error":
+        sensor = campaign.rate_sensor
+        if sensor is None or key == "wheel_rates":  # The body's rates once more.
+            return False
+        # Of other axes K is no diagonal of C: free once more it would not be known.
+        return knows(place, key) and ((place, key) != _OF_K or _is_along_body_axes(sensor))
+    return knows(place, key)
 
 
-def _holds_K(place: str, key: str, model: Model) -> bool:
-    """Whether the diagonal of C is K, which is fitted: free once more it would not be known."""
-    sensor = model.campaign.rate_sensor
-    if (place, key) != ("rate_error", "rate") or sensor is None:
-        return False
-    return np.array_equal(sensor.axes, np.eye(3))
+def _is_along_body_axes(sensor: RateSensor) -> bool:
+    """Whether a gyro's three axes are those of the body, in either sense."""
+    return sensor.axes.shape == (3, 3) and np.allclose(np.abs(sensor.axes), np.eye(3), atol=1e-9)
 
 
 def _along(response: TorqueResponse, asked: tuple[tuple[str, int], ...]) -> tuple[np.ndarray, ...]:
@@ -309,8 +314,8 @@ def _terms(block: Block) -> Iterator[tuple[Formula, np.ndarray]]:
     kinds = PLACES[block.formula.place].rows, driver_of(block.formula.driver).columns
     if rows == columns > 1 and kinds[0] == kinds[1]:
         own = np.arange(rows)
-        diagonal = unit[own, own].T
         if whole:
+            diagonal = unit[own, own].T
             yield _form(block, "diagonal"), diagonal
             yield _form(block, "scalar"), diagonal.sum(1, keepdims=True)
         if kinds[1] == "body":

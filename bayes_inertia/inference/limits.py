@@ -223,6 +223,8 @@ class Limits:
     size_warm_up: int = 20
     size_rounds: int = 2
     size_draws: int = 512
+    # A round of which fewer draws a size are effective tells less than the ensemble did.
+    effective_draws_a_size: float = 4.0
     # Sizes evaluated at once, and numbers of their equations that fit the processor's cache.
     sizes_at_once: int = 16
     cached_numbers: float = 5e5

@@ -212,6 +212,9 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
     for _ in range(LIMITS.size_rounds):
         drawn = sizes.draw(random, LIMITS.size_draws)
         weights = importance_weights(evidence.given(drawn).log_evidence - sizes.log_density(drawn))
+        # Not a number where none of the draws is possible.
+        if not 1.0 / np.sum(weights**2) > LIMITS.effective_draws_a_size * len(begin):
+            break
         sizes = SizeProposal(stats.gaussian_kde(drawn.T, weights=weights))
     return sizes
 
@@ -219,14 +222,15 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
 def importance_weights(log_ratios: np.ndarray) -> np.ndarray:
     """Weights (n,), of sum 1, of draws with these logs of wanted over proposed density.
 
-    None is larger than 1 / sqrt(n) of their sum (Ionides 2008): a single draw rules no estimate.
+    Larger ones are cut to 1 / sqrt(n) of the sum before (Ionides 2008): a single draw rules less.
 
     >>> importance_weights(np.log([1.0, 1.0, 1.0, np.nan])).round(3).tolist()
     [0.333, 0.333, 0.333, 0.0]
     """
     known = np.where(np.isfinite(log_ratios), log_ratios, -np.inf)
     most = special.logsumexp(known) - 0.5 * np.log(len(known))
-    return special.softmax(np.minimum(known, most))
+    with np.errstate(invalid="ignore"):  # Where all are zero.
+        return special.softmax(np.minimum(known, most))
 
 
 class IndependenceMove(MHMove):

@@ -261,17 +261,19 @@ def history_told(told: Sequence[Told], time: Any = None) -> History:
     series, left_out = usable(told)
     what = f"{len(series)} of {len(told)} campaigns have a result that can be used"
     require(len(series) >= 2, "sources", what, "give at least two whose fit is trusted")
-    when = None if time is None else _times(time, len(told))
+    when = None if time is None else _times(time, len(told), left_out)
     if when is not None:
         when = when[[one.summary is not None for one in told]]
     return replace(history_of(_named_apart(series)), left_out=left_out, time=when)
 
 
-def _times(time: Any, n: int) -> np.ndarray:
-    """When each of n campaigns was flown."""
+def _times(time: Any, n: int, left_out: Sequence[str]) -> np.ndarray:
+    """When each of n campaigns was flown, those left out among them."""
     when = moments(time, "time", "give datetimes or numbers")
     fits = when.shape == (n,) and when.dtype.kind in "Miuf"
-    advice = "give a datetime or a number for each campaign; `pandas.to_datetime` reads texts"
+    advice = "give a datetime or a number for each campaign"
+    advice += f", for what is left out too: {listed(left_out)}" if left_out else ""
+    advice += "; `pandas.to_datetime` reads texts" if when.dtype.kind in "OU" else ""
     require(fits, "time", f"shape {when.shape} of {when.dtype} for {n} campaigns", advice)
     later = bool((when[1:] > when[:-1]).all())
     what, advice = "times do not increase", "give campaigns in the order flown, with their times"

@@ -73,8 +73,8 @@ def _of_many(fits: Path) -> list[Told]:
     ]
     overview = fits / FIT_MANY_FILE
     advice = "run `fit-many` again: what is fitted stays"
-    failures = read_sealed_json(overview, advice)["failures"] if overview.is_file() else ()
-    told += [Told(failure["campaign"], None) for failure in failures]
+    found = read_sealed_json(overview, advice) if overview.is_file() else {}
+    told += [Told(failure["campaign"], None) for failure in found.get("failures", ())]
     return sorted(told, key=lambda one: one.campaign)
 
 

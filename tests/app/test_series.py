@@ -132,6 +132,12 @@ def test_a_fit_of_many_says_which_campaigns_count_in_nothing(tmp_path):
     failure = {"campaign": "craft_1/broken", "error": "CampaignError", "reason": "no column time"}
     write_json(fits / "fit_many.json", {"campaigns": [], "failures": [failure]})
     assert bi.fleet(fits).left_out == bi.history(fits).left_out == ("craft_1/broken",)
+    with pytest.raises(bi.CampaignError, match=r"left out too: craft_1/broken$"):
+        bi.history(fits, time=[1, 2, 3])
+    with pytest.raises(bi.CampaignError, match=r"broken; `pandas\.to_datetime` reads texts"):
+        bi.history(fits, time=["2026-01-01"] * 4)
+    write_json(fits / "fit_many.json", {})
+    assert bi.fleet(fits).left_out == ()
     mixed = fits_in(tmp_path / "mixed", told, includes_wheel_spin=[True, None, False])
     with pytest.raises(bi.CampaignError, match="some results hold the wheels' spin inertia in J"):
         bi.fleet(mixed)

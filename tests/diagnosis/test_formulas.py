@@ -1,6 +1,7 @@
 """Formulas for what has no name: their columns, their prior, their rate of false alarms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.diagnosis import formulas
 from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
 from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
@@ -87,7 +89,7 @@ def test_an_error_in_proportion_to_the_rate_leaves_the_scale_factors_to_K(search
         t.formula for t in search.terms if t.formula.name.startswith("formula_rate_error_rate_")
     ]
     held = [f for f in held if f.driver == "rate"]
-    assert {f.form for f in held} == {"off_diagonal", "entry", "cross"}
+    assert {f.form for f in held} == {"hollow", "entry", "cross"}
     assert all(f.row != f.column for f in held if f.form == "entry")
     assert not any(
         (t.formula.place, t.formula.driver) == ("rate_error", "wheel_rates") for t in search.terms
@@ -95,7 +97,7 @@ def test_an_error_in_proportion_to_the_rate_leaves_the_scale_factors_to_K(search
 
 
 def test_all_but_the_diagonal_multiplies_the_driver():
-    formula = Formula("rate_error", "rate", "off_diagonal")
+    formula = Formula("rate_error", "rate", "hollow")
     assert Formula.of_name(formula.name) == formula
     assert formula.text == "rate error = C ω with no diagonal in C"
     (parameter,) = formula.parameters(small_campaign())
@@ -104,12 +106,39 @@ def test_all_but_the_diagonal_multiplies_the_driver():
     np.testing.assert_allclose(acting, [210.0, 403.0, 65.0])
 
 
+def test_labels_of_no_diagonal_go_by_place_and_not_by_name():
+    campaign = small_campaign()
+    wheels = tuple(replace(w, name=f"rw{k}") for k, w in enumerate(campaign.wheels))
+    formula = Formula("body_torque", "wheel_commands", "hollow")
+    (parameter,) = formula.parameters(replace(campaign, wheels=wheels))
+    assert parameter.components[:2] == ("x_rw1", "x_rw2")
+    assert formula._of_driver(np.ones(len(parameter.components)), np.ones(3)).tolist() == [2.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("axes", "known"),
+    [
+        (np.diag([1.0, -1.0, 1.0]), True),
+        (np.eye(3) + 1e-12, True),
+        (np.eye(3)[[1, 2, 0]], False),
+        (np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.0, -0.8, 0.6]]), False),
+        (np.eye(3)[:2], False),
+    ],
+)
+def test_an_error_of_the_rate_is_weighed_only_where_K_is_its_diagonal(axes, known):
+    campaign = SimpleNamespace(rate_sensor=SimpleNamespace(axes=axes))
+    model = SimpleNamespace(campaign=campaign)
+    assert bool(formulas._allowed("rate_error", "rate", model)) is known
+    assert formulas._allowed("rate_error", "rate_squares", model)
+    assert not formulas._allowed("rate_error", "wheel_rates", model)
+
+
 def test_a_headline_with_several_answers_names_no_formula_alone():
     name = "formula_rate_error_wheel_commands_full"
     content = {"verdict": "formula", "named": [name], "ambiguous_with": []}
     assert headline(content).endswith("Its formula: rate error = C u_w.")
     several = headline(content | {"ambiguous_with": [[name, "nameless_rate_error"]]})
-    assert "Several answers are left: " in several
+    assert several.startswith("Something is missing: either rate error = C u_w or ")
     assert several.endswith("This campaign cannot tell.")
 
 

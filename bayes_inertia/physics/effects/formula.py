@@ -236,7 +236,7 @@ def _is_known(campaign, driver: Driver) -> bool:
 
 
 _BODY = ("x", "y", "z")
-FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry", "off_diagonal")
+FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry", "hollow")
 _NAMES = re.compile(
     f"formula_({'|'.join(PLACES)})_({'|'.join(DRIVERS)}|{_INPUT.pattern})_({'|'.join(FORMS)})((?:_[0-9]+)*)"
     "(?:_wheel([0-9]+))?"
@@ -256,9 +256,9 @@ class Formula(RowByRow):
         What it is in proportion to: a key of `DRIVERS`; or a stream of `Slew.inputs`, such as a
         temperature: "input_NAME" (one number), "vector_NAME" (x, y, z in body axes) or
         "inertial_NAME" (in inertial axes).
-    form : {"full", "diagonal", "scalar", "cross", "column", "entry", "off_diagonal"}, optional
+    form : {"full", "diagonal", "scalar", "cross", "column", "entry", "hollow"}, optional
         All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry; all
-        but the diagonal.
+        of C but its diagonal.
     row, column : int, optional
         Which entry or column, from 0.
     wheel : int, optional
@@ -367,7 +367,7 @@ class Formula(RowByRow):
             "diagonal": f"diag(c) {symbol}",
             "scalar": f"c {symbol}",
             "cross": f"c × ({symbol})",
-            "off_diagonal": f"C {symbol} with no diagonal in C",
+            "hollow": f"C {symbol} with no diagonal in C",
         }
         part = _part_of(driver.columns, self.column)
         left = f" {_part_of(place.rows, self.row)}" if self.form == "entry" else ""
@@ -398,8 +398,9 @@ class Formula(RowByRow):
         what = f"errors of a sensor do not follow {self.driver!r}"
         advice = "choose a driver of rates, momenta, commands or time"
         require_of_effect(knows(self.place, self.driver), self, what, advice)
-        square = ("diagonal", "scalar", "cross", "off_diagonal")
+        square = ("diagonal", "scalar", "cross", "hollow")
         good = self.form not in square or rows == columns
+        good = good and not (self.form == "hollow" and rows == 1)
         good = good and not (self.form == "cross" and rows and rows != 3)
         what = f"{rows} rows and {columns} columns of C have no form {self.form!r}"
         require_of_effect(good, self, what, "choose full, column or entry")
@@ -415,7 +416,10 @@ class Formula(RowByRow):
             return rows
         every = self.form == "full"
         return tuple(
-            _entry(row, column) for row in rows for column in columns if every or row != column
+            _entry(row, column)
+            for i, row in enumerate(rows)
+            for j, column in enumerate(columns)
+            if every or i != j
         )
 
     def acts(self, hook):
@@ -428,7 +432,7 @@ class Formula(RowByRow):
         """C d: (m,) of coefficients (k,) and a driver's values."""
         if self.form == "full":
             return jnp.reshape(c, (-1, len(d))) @ d
-        if self.form == "off_diagonal":
+        if self.form == "hollow":
             return (
                 jnp.zeros((len(d), len(d))).at[np.nonzero(~np.eye(len(d), dtype=bool))].set(c) @ d
             )

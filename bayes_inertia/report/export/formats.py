@@ -23,8 +23,12 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import templates_in
 
 _TEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
-# What no decomposition of Unicode turns into ASCII.
-_IN_ASCII = str.maketrans({"ß": "ss", "µ": "u", "°": " deg", "×": "x", "–": "-", "−": "-"})
+# What the decomposition of Unicode does not turn into ASCII.
+_IN_ASCII = str.maketrans(
+    {"ß": "ss", "μ": "u", "°": " deg", "×": "x", "·": " ", "–": "-", "—": "-", "−": "-", "⁄": "/"}
+    | dict(zip("øØłŁđĐ", "oOlLdD", strict=True))
+    | {"æ": "ae", "Æ": "AE", "œ": "oe", "Œ": "OE"}
+)
 _COLUMNS = (
     "parameter",
     "unit",
@@ -226,11 +230,11 @@ def comment_lines(result: ExportedResult, *more: str) -> list[str]:
 def one_line(text: str) -> str:
     """A text as one line of at most 200 printable ASCII letters: no name can end a comment.
 
-    >>> one_line("a\\nb Größe é ° 卫")
-    'a b Grosse e deg ?'
+    >>> one_line("a\\nb Größe é ø 10⁻⁵ µm ½ 卫")
+    'a b Grosse e o 10-5 um 1/2 ?'
     """
-    plain = normalize("NFKD", " ".join(text.translate(_IN_ASCII).split()))
-    letters = (c for c in plain if not combining(c))
+    plain = normalize("NFKD", text).translate(_IN_ASCII)
+    letters = (c for c in " ".join(plain.split()) if not combining(c))
     shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in letters)
     most = LAYOUT.comment_line
     return shown if len(shown) <= most else f"{shown[: most - 6]} [...]"
