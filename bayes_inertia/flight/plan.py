@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, Literal, get_args
@@ -169,6 +170,27 @@ def whole_periods(time: float, period: float) -> float:
     (21.0, 2.0)
     """
     return max(1, round(time / period)) * period
+
+
+def times_left_out(base: Plan | None, given: Mapping[str, Any]) -> dict[str, float]:
+    """Rest, fix spacing and first fix of a base, none for those of `Plan`, as far as not given.
+
+    They fit what is given: whole telemetry periods, the first fix at most half the rest.
+
+    >>> times_left_out(None, {"rest_before": 5.0})
+    {'fix_spacing': 1.0, 'first_fix': 2.5}
+    """
+    usual: Any = base or Plan
+    period = given.get("telemetry_period", usual.telemetry_period)
+    times = {
+        key: whole_periods(getattr(usual, key), period)
+        for key in ("rest_before", "fix_spacing")
+        if key not in given
+    }
+    if "first_fix" not in given:
+        rest = given.get("rest_before", times.get("rest_before"))
+        times["first_fix"] = min(usual.first_fix, 0.5 * rest)
+    return times
 
 
 def counted_slews(n: int) -> str:

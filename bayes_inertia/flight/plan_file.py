@@ -19,7 +19,7 @@ from bayes_inertia.campaign.schema import DEGREE, Part, Vector3
 from bayes_inertia.errors import CampaignError, OutputError, require, require_kind
 from bayes_inertia.files import path_of, read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.flight.plan import Plan, PlannedSlew, whole_periods
+from bayes_inertia.flight.plan import Plan, PlannedSlew, times_left_out
 
 FORMAT = "bayes-inertia-plan/1"
 # Key in the file -> field and factor to SI; a factor of None marks what is no single number.
@@ -163,6 +163,7 @@ def read_plan(path: str | Path, base: Plan | None = None) -> Plan:
         The file.
     base : Plan, optional
         Start, telemetry, rests and orbit where the file leaves them out; None for those of `Plan`.
+        Left-out times fit the stated ones: whole periods, the first fix at most half the rest.
 
     Returns
     -------
@@ -192,17 +193,11 @@ def read_plan(path: str | Path, base: Plan | None = None) -> Plan:
             _slew(form, f"slews[{i} of {len(stated.slews)}]")
             for i, form in enumerate(stated.slews, 1)
         )
-        return Plan(**given) if base is None else replace(base, **_in_periods(base, given), **given)
+        given |= times_left_out(base, given)
+        return Plan(**given) if base is None else replace(base, **given)
     except CampaignError as error:
         where = re.sub(r"\w+$", lambda name: _KEYS_OF_FIELDS.get(name[0], name[0]), error.where)
         raise CampaignError(error.what, where=f"{label}, {where}", advice=error.advice) from None
-
-
-def _in_periods(base: Plan, given: dict[str, Any]) -> dict[str, Any]:
-    """Times of a base, as far as they are not given, in whole periods of a plan's telemetry."""
-    period = given.get("telemetry_period", base.telemetry_period)
-    times = {"rest_before", "fix_spacing"} - given.keys()
-    return {key: whole_periods(getattr(base, key), period) for key in times}
 
 
 def _slew(form: Any, place: str) -> PlannedSlew:

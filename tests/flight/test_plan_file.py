@@ -45,6 +45,18 @@ def test_what_a_plan_file_leaves_out_is_as_in_the_base(tmp_path):
     assert read_plan(write_plan(other, path, overwrite=True), base) == other
 
 
+@pytest.mark.parametrize("base", [None, replace(paper_like_plan(), telemetry_period=0.5)])
+def test_times_that_a_plan_file_leaves_out_fit_those_that_it_states(tmp_path, base):
+    path = tmp_path / "plan.toml"
+    head = 'format = "bayes-inertia-plan/1"\nname = "by hand"\n'
+    slew = "[[slews]]\naxis = [1, 0, 0]\nangle_deg = 30\n"
+    path.write_text(f"{head}telemetry_period_s = 0.3\n{slew}")
+    plan = read_plan(path, base)
+    assert (plan.rest_before, plan.fix_spacing) == pytest.approx((67 * 0.3, 0.9))
+    path.write_text(f"{head}rest_before_s = 5\n{slew}")
+    assert read_plan(path, base).first_fix == 2.5
+
+
 def test_what_is_no_plan_or_no_path_is_told(tmp_path):
     with pytest.raises(CampaignError, match="plan: a str is no Plan"):
         write_plan("x", tmp_path / "plan.toml")
