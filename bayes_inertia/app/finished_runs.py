@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_folder import plan_after_campaign
+from bayes_inertia.app.plan_folder import plan_of_flight
 from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
@@ -67,7 +67,7 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     forecast now, as `compare` does, for the hardware and prior of the run's campaign.
     """
     campaign = _campaign_of(run)
-    promised = plan_after_campaign(plan, campaign)
+    promised = plan_of_flight(plan, campaign)
     difference = other_slews(promised, campaign)
     what = f"the run is of other slews than the plan {promised.name!r}: {difference}"
     advice = (

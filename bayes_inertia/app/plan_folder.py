@@ -33,6 +33,7 @@ from bayes_inertia.flight.mission import (
     devices_at_rest,
     following_plan,
     most_like_mission,
+    repeating_plan,
     why_no_plans,
 )
 from bayes_inertia.flight.plan import Plan, paper_like_plan
@@ -78,6 +79,11 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 def plan_after_campaign(path: str | Path, campaign: Campaign) -> Plan:
     """The plan in a file; what it leaves out is as where the campaign ended."""
     return plan_for(path, len(campaign.without_locked_wheels().wheels), following_plan(campaign))
+
+
+def plan_of_flight(path: str | Path, flown: Campaign) -> Plan:
+    """The plan in a file that was flown; what it leaves out is as where the flight began."""
+    return plan_for(path, len(flown.without_locked_wheels().wheels), repeating_plan(flown))
 
 
 def plan_for(path: str | Path, wheels: int, base: Plan | None = None) -> Plan:

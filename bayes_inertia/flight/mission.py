@@ -27,7 +27,14 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, ramp_factor, whole_periods
+from bayes_inertia.flight.plan import (
+    Plan,
+    PlannedSlew,
+    counted_slews,
+    ramp_factor,
+    times_left_out,
+    whole_periods,
+)
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -181,28 +188,42 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     the last complete tachometer reading of the last slew.
     """
     campaign = campaign.without_locked_wheels()
-    last = campaign.slews[-1]
     rows = _usual(np.concatenate([s.rate_steps for s in campaign.slews]))
     period = min((*reading_periods(campaign).values(), rows))
-    attitude = (0.0, 0.0, 0.0, 1.0)
-    if last.attitude is not None and last.fixes.any():
-        attitude = tuple(last.attitude[last.fixes][-1].tolist())
-    if last.wheel_momentum is not None and np.isfinite(last.wheel_momentum).all(1).any():
-        wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
-    momentum = () if wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
+    attitude, told = _told(campaign.slews[-1], -1)
+    momentum = (
+        told if told or wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
+    )
     base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
     between, throughout = _fix_spacing(campaign)
-    rest, spacing = (
-        whole_periods(x, period) for x in (base.rest_before, between or base.fix_spacing)
-    )
-    return replace(
-        base,
-        telemetry_period=period,
-        rest_before=rest,
-        fix_spacing=spacing,
-        first_fix=0.0 if throughout else min(base.first_fix, 0.5 * rest),
-        fixes_in_motion=throughout,
-    )
+    given: dict[str, Any] = {"telemetry_period": period, "fixes_in_motion": throughout}
+    given |= {"fix_spacing": whole_periods(between, period)} if between else {}
+    given |= {"first_fix": 0.0} if throughout else {}
+    return replace(base, **(given | times_left_out(base, given)))
+
+
+def repeating_plan(campaign: Campaign) -> Plan:
+    """As `following_plan`, but it begins where the campaign began.
+
+    It starts at the first star-tracker fix and with the first complete tachometer reading of the
+    first slew.
+    """
+    attitude, momentum = _told(campaign.without_locked_wheels().slews[0], 0)
+    return replace(following_plan(campaign), start_attitude=attitude, wheel_momentum=momentum)
+
+
+def _told(slew: Slew, which: int) -> tuple[Any, tuple[float, ...]]:
+    """One fix of a slew, first or last, and one complete tachometer reading.
+
+    Without fixes no rotation from inertial axes; without readings empty.
+    """
+    attitude, momentum = (0.0, 0.0, 0.0, 1.0), ()
+    if slew.attitude is not None and slew.fixes.any():
+        attitude = tuple(slew.attitude[slew.fixes][which].tolist())
+    if slew.wheel_momentum is not None:
+        complete = slew.wheel_momentum[np.isfinite(slew.wheel_momentum).all(1)]
+        momentum = tuple(complete[which].tolist()) if len(complete) else ()
+    return attitude, momentum
 
 
 def _fix_spacing(campaign: Campaign) -> tuple[float, bool]:

@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.flight.mission import Mission, devices_at_rest, following_plan, reading_periods
+from bayes_inertia.flight.mission import (
+    Mission,
+    devices_at_rest,
+    following_plan,
+    reading_periods,
+    repeating_plan,
+)
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -53,6 +59,21 @@ def test_its_tachometers_are_read_as_often_and_wheels_without_one_tell_nothing()
     craft = replace(mission.spacecraft, wheels=silent)
     without = planned_campaign(plan, replace(mission, spacecraft=craft))
     assert without.slews[0].wheel_momentum is None
+
+
+def test_a_plan_that_was_flown_begins_where_its_flight_began():
+    rows = np.array([3, 5, 50, 55, 60])
+    campaign = with_slews(lambda s: with_readings_in(s, "attitude", rows))
+    campaign = replace(
+        campaign,
+        slews=tuple(with_readings_in(s, "wheel_momentum", rows[1:]) for s in campaign.slews),
+    )
+    first, plan = campaign.slews[0], repeating_plan(campaign)
+    assert plan.start_attitude == pytest.approx(first.attitude[3])
+    assert plan.wheel_momentum == tuple(first.wheel_momentum[5])
+    after = following_plan(campaign)
+    start = {"start_attitude": plan.start_attitude, "wheel_momentum": plan.wheel_momentum}
+    assert plan == replace(after, **start) != after
 
 
 def test_commands_that_telemetry_does_not_tell_are_said_to_count():

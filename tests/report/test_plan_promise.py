@@ -13,6 +13,7 @@ from support.commands import run
 
 from bayes_inertia.app import finished_runs, run_folder
 from bayes_inertia.app.result_folder import write_json
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.flight.mission import most_like_mission, other_slews
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.plan_file import write_plan
@@ -79,6 +80,25 @@ def test_a_plan_without_its_design_is_forecast(finished, capsys, monkeypatch):
     assert "forecast now" in plan["promised_by"]
     assert [row["ratio"] for row in plan["parameters"].values()] == pytest.approx([1.0] * 9)
     assert asked == [(PLAN, most_like_mission().prior.product_sigma)]
+
+
+def test_what_a_flown_plan_leaves_out_is_as_where_its_flight_began(finished, monkeypatch):
+    asked = []
+
+    def compare_plans(plans, mission):
+        asked.extend(plans)
+        return (SimpleNamespace(expected=np.array(list(stated_sds(finished).values()))),)
+
+    monkeypatch.setattr(finished_runs, "compare_plans", compare_plans)
+    path = finished / "plan.toml"
+    lines = path.read_text().splitlines()
+    left_out = ("start_attitude", "wheel_momentum")
+    path.write_text("\n".join(line for line in lines if not line.startswith(left_out)))
+    summary = Posterior.load(finished / "run" / "posterior.nc").summary()
+    finished_runs.promise_of_plan(finished / "run", path, summary)
+    first, (plan,) = read_campaign(finished / "flown").slews[0], asked
+    assert plan.start_attitude == pytest.approx(first.attitude[first.fixes][0])
+    assert plan.wheel_momentum == pytest.approx(first.wheel_momentum[0])
 
 
 OTHER = {
