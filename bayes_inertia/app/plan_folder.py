@@ -436,7 +436,7 @@ def run_simulate(
         chosen = paper_like_plan() if plan in (None, PAPER) else plan_for(str(plan), wheels)
         flight = simulate(chosen, mission, folder, seed, hidden=hidden)
         return SimulatedFlight(
-            flight.campaign, "the MOST-like spacecraft", limits_broken(chosen, mission)
+            flight.campaign, "the MOST-like spacecraft", note_of_broken_limits(chosen, mission)
         )
     given = read_campaign(campaign)
     truth = "drawn from" if draw else "at the mean of"
@@ -449,13 +449,13 @@ def run_simulate(
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
     followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
-    notes = (*limits_broken(chosen, mission), *followed, *devices_at_rest(given))
+    notes = (*note_of_broken_limits(chosen, mission), *followed, *devices_at_rest(given))
     return SimulatedFlight(flight.campaign, spacecraft, notes)
 
 
-def limits_broken(plan: Plan, mission: Mission) -> tuple[str, ...]:
-    """The limits that a plan breaks, in one note; none where it keeps all."""
-    broken = broken_limits(planned_margins(plan, mission.spacecraft, Limits()))
+def note_of_broken_limits(plan: Plan, mission: Mission) -> tuple[str, ...]:
+    """The limits of a spacecraft that a plan breaks, in one note; none where it keeps all."""
+    broken = broken_limits(planned_margins(plan, mission.spacecraft, Limits(angle=None)))
     said = "; ".join(margin.says for margin in broken)
     return (f"limits broken: {said}",) if broken else ()
 

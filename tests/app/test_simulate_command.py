@@ -12,7 +12,9 @@ import pytest
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.app.plan_folder import note_of_broken_limits
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.physics.forward_model import Model
@@ -84,6 +86,11 @@ def test_simulate_says_which_limits_the_plan_breaks_and_flies_it(tmp_path, capsy
     assert "limits broken" in told
     assert "torque of wheel_x: 0.06" in told
     assert "0.02 N m allowed" in told
+
+
+def test_nothing_on_board_limits_the_angle_of_a_slew():
+    far = replace(paper_like_plan(), slews=(PlannedSlew((1.0, 0.0, 0.0), 4.0),))
+    assert note_of_broken_limits(far, most_like_mission()) == ()
 
 
 @pytest.mark.long
