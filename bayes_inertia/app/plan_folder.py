@@ -155,20 +155,23 @@ def limits_asked(request: DesignRequest, campaign: Campaign) -> Limits:
     usual = Limits()
     own_rate = rate_turned_at(campaign) / (1.0 - usual.rate_reserve)
     return Limits(
-        rate=_given("--max-rate", "deg/s", request.max_rate, own_rate),
-        angle=_given("--max-angle", "deg", request.max_angle, usual.angle),
-        acceleration=_given("--max-acceleration", "deg/s^2", request.max_acceleration, None),
-        total_time=_given("--total-time", "s", request.total_time, None),
+        rate=_positive_option("--max-rate", "deg/s", request.max_rate, own_rate),
+        angle=_positive_option("--max-angle", "deg", request.max_angle, usual.angle),
+        acceleration=_positive_option(
+            "--max-acceleration", "deg/s^2", request.max_acceleration, None
+        ),
+        total_time=_positive_option("--total-time", "s", request.total_time, None),
         end_attitude=_quaternion(request.end_attitude),
         keep_out=keep_outs(request.keep_out or ()),
     )
 
 
-def _given(option: str, unit: str, value: float | None, otherwise: float | None) -> Any:
+def _positive_option(option: str, unit: str, value: float | None, otherwise: float | None) -> Any:
     """A positive number of an option, degrees in radians."""
     if value is None:
         return otherwise
-    what, advice = f"{value:g} {unit} is not positive", f"give a positive number of {unit}"
+    says = "no positive number" if value == math.inf else "not positive"
+    what, advice = f"{value:g} {unit} is {says}", f"give a positive number of {unit}"
     require(0.0 < value < math.inf, option, what, advice)
     return math.radians(value) if unit.startswith("deg") else value
 
@@ -223,15 +226,15 @@ def _cone(text: str) -> list[KeepOut]:
             advice="write for example Sun,0.8,0.5,0.3,35",
         ) from None
     cone = {"name": name, "direction_N": [x, y, z], "half_angle_deg": angle}
-    return _made(checked_document({"keep_out": [cone]}, label, _Cones), label)
+    return _cones_of(checked_document({"keep_out": [cone]}, label, _Cones), label)
 
 
 def _cones_in(path: Path) -> list[KeepOut]:
     label = str(path)
-    return _made(parse_toml(text_of(read_bytes(path), label), label, _Cones), label)
+    return _cones_of(parse_toml(text_of(read_bytes(path), label), label, _Cones), label)
 
 
-def _made(stated: _Cones, label: str) -> list[KeepOut]:
+def _cones_of(stated: _Cones, label: str) -> list[KeepOut]:
     try:
         return [
             KeepOut(cone.name, (x, y, z), math.radians(cone.half_angle_deg))

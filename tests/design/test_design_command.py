@@ -73,6 +73,7 @@ def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monk
         (("--max-rate", "-1"), ("error: --max-rate: -1 deg/s is not positive",)),
         (("--max-angle", "0"), ("error: --max-angle: 0 deg is not positive",)),
         (("--total-time", "nan"), ("error: --total-time: nan s is not positive",)),
+        (("--total-time", "inf"), ("error: --total-time: inf s is no positive number",)),
         (("--keep-out", "Sun,1,0,0,190"), ("--keep-out 'Sun", "190.0 is too large", "than 180")),
         (("--keep-out", "Sun,0,0,0,30"), ("--keep-out 'Sun", "direction_N: ", "no direction")),
         (("--end-attitude", "0,0,1"), ("end_attitude", "quaternion")),
