@@ -432,7 +432,7 @@ def paper_like_reference(
     `base`: start, telemetry and rests; its slews are not used. `total_time`: what the plan may last
     [s]. Rates and ramps are reduced until wheels can drive them, and angles until the plan fits its
     time, or where no rate is slow enough. Returns: the plan with the largest that fit, or with very
-    small ones if none do.
+    small ones if none do. Where the start alone asks too much of wheels, only the time counts.
     """
     paper = [paper_like_plan().slews[i % 5] for i in range(n)]
     axes_B = np.array([slew.axis_B for slew in paper])
@@ -452,7 +452,9 @@ def paper_like_reference(
 
     plan, share, pace = reduced(1.0, 1.0), 1.0, 1.0
     slowest, _ = NUMERICS.smallest_fractions
-    in_vain = not is_driven(reduced(0.0, slowest), region, body)  # the start breaks a limit
+    smallest = reduced(0.0, slowest).slews
+    still = tuple(replace(slew, angle=NUMERICS.negligible_angle) for slew in smallest)
+    in_vain = not is_driven(replace(plan, slews=still), region, body)  # the start breaks a limit
     for _ in range(2 * NUMERICS.most_reductions):
         driven = in_vain or is_driven(plan, region, body)
         in_time = plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9

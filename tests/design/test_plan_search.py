@@ -81,3 +81,13 @@ def test_the_reference_asks_of_wheels_what_they_can_give(mission, hold):
     turning = replace(paper_like_plan(), wheel_momentum=(0.0, 0.0, 0.76 * held))
     plan = paper_like_reference(turning, region, 3, math.inf, rigid_body(craft))
     assert not broken_limits(planned_margins(plan, craft, limits))
+
+
+def test_the_reference_is_very_small_where_wheels_at_rest_can_give_next_to_nothing(mission):
+    craft = mission.at_prior_mean().spacecraft
+    wheels = tuple(replace(wheel, max_momentum=2e-4) for wheel in craft.wheels)
+    craft = replace(craft, wheels=wheels)
+    region = region_within(Limits(rate=1.1 * DEGREE), hardware_limits(craft))
+    base = replace(paper_like_plan(), wheel_momentum=())
+    plan = paper_like_reference(base, region, 3, math.inf, rigid_body(craft))
+    assert max(slew.angle for slew in plan.slews) < 0.1 * DEGREE
