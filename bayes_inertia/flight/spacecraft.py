@@ -65,7 +65,7 @@ class Spacecraft:
     CampaignError
         If no body has this inertia tensor, or a wheel or sensor is none.
     EffectError
-        If an effect has no values.
+        If the name of an effect is unknown, or an effect has no values.
 
     Examples
     --------
