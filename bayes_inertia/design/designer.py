@@ -19,6 +19,7 @@ import numpy as np
 from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.design.feasible_region import (
@@ -38,7 +39,7 @@ from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.result import Design
 from bayes_inertia.errors import DesignError, members, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
-from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews, paper_like_plan
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_motion import (
     RigidBody,

@@ -17,11 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import Margin, broken_limits, demands, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError, require
-from bayes_inertia.flight.plan import Plan, PlannedSlew, counted_slews
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.planned_motion import (
     PlannedMotion,
     PlanTimes,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.goals import GOALS, Goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits
-from bayes_inertia.flight.plan import Plan, counted_slews, slews_card
+from bayes_inertia.flight.plan import Plan, slews_card
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
 
 

@@ -24,13 +24,12 @@ from bayes_inertia.campaign.hardware import (
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import Slew, counted_slews
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import (
     Plan,
     PlannedSlew,
-    counted_slews,
     ramp_factor,
     times_left_out,
     whole_periods,

@@ -28,6 +28,7 @@ from bayes_inertia.campaign.hardware import (
     require_positive,
     unit_length,
 )
+from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.errors import members
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
@@ -191,15 +192,6 @@ def times_left_out(base: Plan | None, given: Mapping[str, Any]) -> dict[str, flo
         rest = given.get("rest_before", times.get("rest_before"))
         times["first_fix"] = min(usual.first_fix, 0.5 * rest)
     return times
-
-
-def counted_slews(n: int) -> str:
-    """How many slews, in words.
-
-    >>> counted_slews(1), counted_slews(5)
-    ('1 slew', '5 slews')
-    """
-    return f"{n} slew{'s' if n != 1 else ''}"
 
 
 def slews_card(plan: Plan) -> Card:

@@ -204,5 +204,7 @@ def test_what_is_no_section_of_a_report_is_said(posteriors, tmp_path):
 
 @pytest.mark.parametrize("name", [name for name in dir(bi) if name.startswith("plot_")])
 def test_what_a_plot_cannot_show_is_said(name):
-    with pytest.raises(bi.errors.SettingsError, match=r"a Campaign was given; give (an [AEIO]|a [^AEIO])"):
+    with pytest.raises(
+        bi.errors.SettingsError, match=r"a Campaign was given; give (an [AEIO]|a [^AEIO])"
+    ):
         getattr(bi, name)(small_campaign(), *([0] if name == "plot_prior" else []))

@@ -71,7 +71,7 @@ def simulate_command(
     with progress_bar() as progress:
         progress("flying the plan", 0, 0)
         from bayes_inertia.app.plan_folder import run_simulate
-        from bayes_inertia.flight.plan import counted_slews
+        from bayes_inertia.campaign.slew import counted_slews
 
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:
