@@ -136,7 +136,11 @@ class Limits:
 
 
 def rate_turned_at(campaign: Campaign) -> float:
-    """Largest rate of a campaign [rad/s]; 1 deg/s of one that shows no more than noise and bias."""
+    """Largest rate of a campaign [rad/s]; 1 deg/s of one that shows no more than noise and bias.
+
+    `reads_motion` asks another thing, whether noise is small beside readings: there a bias counts
+    as motion.
+    """
     rate, seen = campaign.largest_rate(), campaign.body_rates
     bias = max(campaign.rate_sensor.bias_sigma) if campaign.rate_sensor else 0.0
     readings = (turning(seen.campaign, slew)[1] for slew in seen.campaign.slews)

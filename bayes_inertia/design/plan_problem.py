@@ -90,6 +90,7 @@ class PlanProblem:
         at_null = np.tile(self.thetas[0], (len(truths), 1))
         at_null[:, : truths.shape[1]] = truths
         problem = replace(self, thetas=at_null)
+        # A batch repeats two plans five times: batches of two would compile one more program.
         found = np.array([problem.score(x, k)[2] for k in range(len(truths))])
         names = self.forecast.layout.names
         sds = np.sqrt(np.mean(found**2, axis=0)).tolist()
