@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_folder import plan_of_flight
+from bayes_inertia.app.plan_folder import plan_for
 from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import require
-from bayes_inertia.flight.mission import Mission, other_slews
+from bayes_inertia.flight.mission import Mission, other_slews, repeating_plan
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.fit_sections import settings_rows
@@ -67,7 +67,9 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     forecast now, as `compare` does, for the hardware and prior of the run's campaign.
     """
     campaign = _campaign_of(run)
-    promised = plan_of_flight(plan, campaign)
+    wheels = len(campaign.without_locked_wheels().wheels)
+    # What the file leaves out is as where the flight began.
+    promised = plan_for(plan, wheels, repeating_plan(campaign))
     difference = other_slews(promised, campaign)
     what = f"the run is of other slews than the plan {promised.name!r}: {difference}"
     advice = (

@@ -33,7 +33,6 @@ from bayes_inertia.flight.mission import (
     devices_at_rest,
     following_plan,
     most_like_mission,
-    repeating_plan,
     why_no_plans,
 )
 from bayes_inertia.flight.plan import Plan, paper_like_plan
@@ -60,12 +59,10 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
     Those that would be printed alike bear the name of their file too.
     """
-    base = following_plan(campaign)
+    base, wheels = following_plan(campaign), len(campaign.without_locked_wheels().wheels)
     # The paper's slews from where the campaign ended, so that all plans start alike.
     paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)
-    read = [
-        (text, paper if text == PAPER else plan_after_campaign(text, campaign)) for text in texts
-    ]
+    read = [(text, paper if text == PAPER else plan_for(text, wheels, base)) for text in texts]
     printed = [plain(plan.name) for _, plan in read]
     named = {
         plan.name if printed.count(name) == 1 else f"{plan.name} ({Path(text).stem})": plan
@@ -74,16 +71,6 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
     if len({plain(name) for name in named}) < len(read):
         raise CampaignError("the same plan twice", where="plans", advice="give each once")
     return named
-
-
-def plan_after_campaign(path: str | Path, campaign: Campaign) -> Plan:
-    """The plan in a file; what it leaves out is as where the campaign ended."""
-    return plan_for(path, len(campaign.without_locked_wheels().wheels), following_plan(campaign))
-
-
-def plan_of_flight(path: str | Path, flown: Campaign) -> Plan:
-    """The plan in a file that was flown; what it leaves out is as where the flight began."""
-    return plan_for(path, len(flown.without_locked_wheels().wheels), repeating_plan(flown))
 
 
 def plan_for(path: str | Path, wheels: int, base: Plan | None = None) -> Plan:

@@ -352,12 +352,3 @@ def between_fix_groups(slew: Slew, fixed: np.ndarray) -> np.ndarray:
         steps > LIMITS.fix_group_spacings * usual
     )
     return time[1:][apart] - 0.5 * steps[apart]
-
-
-def counted_slews(n: int) -> str:
-    """How many slews, in words.
-
-    >>> counted_slews(1), counted_slews(5)
-    ('1 slew', '5 slews')
-    """
-    return f"{n} slew{'s' if n != 1 else ''}"

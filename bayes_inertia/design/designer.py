@@ -19,7 +19,6 @@ import numpy as np
 from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.comparison import likely_missions
 from bayes_inertia.design.feasible_region import (
@@ -49,6 +48,7 @@ from bayes_inertia.flight.planned_motion import (
 )
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import whole_number
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
@@ -233,7 +233,7 @@ def design_plan(
     say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
-    base = replace(base, name=f"{counted_slews(n_slews)} for {parsed_goal}")
+    base = replace(base, name=f"{counted(n_slews, 'slew')} for {parsed_goal}")
     plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
     say("flying the plan", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
@@ -449,7 +449,7 @@ def paper_like_reference(
             )
             for slew, ramp in zip(paper, ramps.tolist(), strict=True)
         )
-        return replace(base, name=f"{counted_slews(n)} like the paper's", slews=slews)
+        return replace(base, name=f"{counted(n, 'slew')} like the paper's", slews=slews)
 
     plan, share, pace = reduced(1.0, 1.0), 1.0, 1.0
     slowest, _ = NUMERICS.smallest_fractions

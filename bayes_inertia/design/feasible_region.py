@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import Margin, broken_limits, demands, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
@@ -34,6 +33,7 @@ from bayes_inertia.flight.planned_motion import (
 )
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import share_of_reach
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import AnyArray
 
 
@@ -257,7 +257,7 @@ def _require_time(shortest: Plan, limits: Limits) -> None:
     if allowed is None or needed <= allowed + 1e-9:
         return
     short = math.ceil(needed - allowed)
-    what = f"{counted_slews(n)} need at least {math.ceil(needed)} s"
+    what = f"{counted(n, 'slew')} need at least {math.ceil(needed)} s"
     raise DesignError(
         f"{what}, {allowed:.6g} s allowed ({short} s too few)",
         where="limit total time",

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.design.goals import GOALS, Goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits
 from bayes_inertia.flight.plan import Plan, slews_card
-from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
+from bayes_inertia.maths.printed import Card, counted, exponent, number, shown_as, unit_text
 
 
 def _card(design: Design) -> Card:
@@ -20,7 +19,7 @@ def _card(design: Design) -> Card:
     value = f"{number(design.value, design.value, power)} {unit_text(unit, power)}"
     gain, better = design.gain, "better" if design.gain >= 1.0 else "worse"
     lines = (
-        f"Design of {counted_slews(len(plan.slews))} for {design.goal}: {value}, limits {limits}",
+        f"Design of {counted(len(plan.slews), 'slew')} for {design.goal}: {value}, limits {limits}",
         f"{max(gain, 1.0 / gain):.2g} times {better} than slews like the paper's in the same time",
     )
     return replace(slews_card(plan), lines=lines)

@@ -24,7 +24,7 @@ from bayes_inertia.campaign.hardware import (
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.campaign.slew import Slew, counted_slews
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import (
@@ -45,7 +45,7 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.printed import Card, parameter_card, shown_as
+from bayes_inertia.maths.printed import Card, counted, parameter_card, shown_as
 from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.packing import bridged
@@ -189,7 +189,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     campaign = campaign.without_locked_wheels()
     rows = _usual(np.concatenate([s.rate_steps for s in campaign.slews]))
     period = min((*reading_periods(campaign).values(), rows))
-    attitude, told = _told(campaign.slews[-1], -1)
+    attitude, told = _attitude_and_momentum(campaign.slews[-1], -1)
     momentum = (
         told if told or wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
     )
@@ -207,11 +207,11 @@ def repeating_plan(campaign: Campaign) -> Plan:
     It starts at the first star-tracker fix and with the first complete tachometer reading of the
     first slew.
     """
-    attitude, momentum = _told(campaign.without_locked_wheels().slews[0], 0)
+    attitude, momentum = _attitude_and_momentum(campaign.without_locked_wheels().slews[0], 0)
     return replace(following_plan(campaign), start_attitude=attitude, wheel_momentum=momentum)
 
 
-def _told(slew: Slew, which: int) -> tuple[Any, tuple[float, ...]]:
+def _attitude_and_momentum(slew: Slew, which: int) -> tuple[Any, tuple[float, ...]]:
     """One fix of a slew, first or last, and one complete tachometer reading.
 
     Without fixes no rotation from inertial axes; without readings empty.
@@ -254,7 +254,7 @@ def other_slews(plan: Plan, campaign: Campaign) -> str:
     ''
     """
     if len(plan.slews) != len(campaign.slews):
-        it_has, has = (counted_slews(len(x.slews)) for x in (plan, campaign))
+        it_has, has = (counted(len(x.slews), "slew") for x in (plan, campaign))
         return f"it has {it_has}, the campaign {has}"
     seen = campaign.with_body_rates
     for planned, flown in zip(plan.slews, seen.slews, strict=True):

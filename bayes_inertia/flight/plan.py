@@ -28,11 +28,10 @@ from bayes_inertia.campaign.hardware import (
     require_positive,
     unit_length,
 )
-from bayes_inertia.campaign.slew import counted_slews
 from bayes_inertia.errors import members
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.maths.printed import Card, shown_as
+from bayes_inertia.maths.printed import Card, counted, shown_as
 from bayes_inertia.maths.values import Vector
 
 Profile = Literal["trapezoid", "smooth"]
@@ -207,7 +206,7 @@ def slews_card(plan: Plan) -> Card:
         for k, row in enumerate(plan.slew_rows(), 1)
     )
     lasts = plan.starts[-1] + plan.durations[-1]
-    first = f"Plan {plan.name}: {counted_slews(len(rows))} in {lasts:.4g} s"
+    first = f"Plan {plan.name}: {counted(len(rows), 'slew')} in {lasts:.4g} s"
     return Card((first,), ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
 
 

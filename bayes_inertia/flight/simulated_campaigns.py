@@ -26,6 +26,7 @@ from bayes_inertia.flight.plan_flight import Flight, fly, require_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import json_ready, whole_number
 from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.forward_model import base_space
@@ -114,7 +115,7 @@ def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) 
         given = np.array([float(x) for x in request.value.split(",")])
         return np.broadcast_to(given, null.shape) if null.shape else given.reshape(())
     except ValueError:
-        what = f"{request.value!r} is not {null.size} number{'s' if null.size > 1 else ''}"
+        what = f"{request.value!r} is not {counted(null.size, 'number')}"
         where, advice = f"{request.effect}.{request.parameter}", "give numbers separated by commas"
         raise EffectError(what, where=where, advice=advice) from None
 

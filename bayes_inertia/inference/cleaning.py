@@ -54,6 +54,7 @@ from bayes_inertia.inference.noise_colour import (
 )
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.treatment import DirtTreatment, treated
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
 
@@ -303,7 +304,7 @@ def _masks(old: tuple[Dirt, ...], new: Mapping[tuple[str, str], np.ndarray]) -> 
 def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, where: str) -> Dirt:
     """The record of outliers of one channel in one slew."""
     numbers = tuple(sorted(map(int, rows)))
-    note = f"{len(numbers)} row{'s' if len(numbers) > 1 else ''} {where}"
+    note = f"{counted(len(numbers), 'row')} {where}"
     return Dirt("outliers", channel, slew, numbers, treated, note)
 
 

@@ -103,6 +103,15 @@ def with_minus_sign(text: str) -> str:
     return text.replace("-", "−")
 
 
+def counted(n: int, noun: str) -> str:
+    """How many there are of something.
+
+    >>> counted(1, "slew"), counted(5, "slew")
+    ('1 slew', '5 slews')
+    """
+    return f"{n} {noun}{'s' if n != 1 else ''}"
+
+
 def listed(items: Sequence[str]) -> str:
     """Items as a list in a sentence.
 

@@ -71,7 +71,7 @@ def simulate_command(
     with progress_bar() as progress:
         progress("flying the plan", 0, 0)
         from bayes_inertia.app.plan_folder import run_simulate
-        from bayes_inertia.campaign.slew import counted_slews
+        from bayes_inertia.maths.printed import counted
 
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:
@@ -84,7 +84,7 @@ def simulate_command(
     console.print(f"flown by {simulated.spacecraft}", soft_wrap=True)
     if plan and campaign is None:
         console.print("for the one that the plan was designed for: --campaign CAMPAIGN")
-    console.print(f"wrote {counted_slews(len(slews))} and truth.json in {out}", soft_wrap=True)
+    console.print(f"wrote {counted(len(slews), 'slew')} and truth.json in {out}", soft_wrap=True)
 
 
 def _document(simulated: SimulatedFlight, slews: list[str], out: Path) -> dict[str, object]:

@@ -143,13 +143,14 @@ def _slew_row(slew: Slew, turning: Slew) -> dict[str, Any]:
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
     from bayes_inertia.campaign.hardware import RateSensor
-    from bayes_inertia.campaign.slew import counted_slews
+    from bayes_inertia.maths.printed import counted
     from bayes_inertia.report.words import dirt_sentences, sentences
 
     console, content, most = plain_console(), campaign_json(campaign), LAYOUT.slews_shown
     wheels = len(campaign.wheels)
-    count = f"{counted_slews(len(campaign.slews))}, {wheels or 'no'} wheel"
-    console.print(headed(campaign.name, f": {count}{'s' if wheels != 1 else ''}"))
+    turned_by = counted(wheels, "wheel") if wheels else "no wheels"
+    count = f": {counted(len(campaign.slews), 'slew')}, {turned_by}"
+    console.print(headed(campaign.name, count))
     columns = len(_COLUMNS) - (0 if wheels else 2)
     print_table(_COLUMNS[:columns], (_slew_cells(row)[:columns] for row in content["slews"][:most]))
     further = [sensor for _, sensor in campaign.more_sensors]
