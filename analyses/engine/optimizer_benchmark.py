@@ -30,17 +30,19 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.descent import guess_nuisances
-from bayes_inertia.inference.likelihood import Point, information_blocks, residuals
+from bayes_inertia.inference.likelihood import Point, information_and_pull, residuals
 from bayes_inertia.inference.noise_model import Whitenings, discounted, whitening
 from bayes_inertia.inference.objective import (
+    gradient_in_chart,
     in_chart,
     moved,
     negative_log_posterior,
     normal_equations,
     step_sizes,
+    whole_gradient,
 )
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.least_squares import dogleg
+from bayes_inertia.maths.least_squares import Equations, dogleg
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -97,10 +99,15 @@ def ours(problem: Problem, points: list[Point], tally: Tally) -> list[Point]:
         tally.residuals += 1
         return problem.objective(x)
 
-    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
+    def equations(x: Point) -> Equations[Point]:
         tally.derivatives += 1
-        information = information_blocks(model, x, white, free)
-        return in_chart(x, *normal_equations(model, x, information))
+        information, pull = information_and_pull(model, x, white, free)
+
+        def pull_in_chart(y: Point) -> np.ndarray:
+            tally.residuals += 1
+            return gradient_in_chart(x, whole_gradient(model, y, free, pull(y)))
+
+        return Equations(*in_chart(x, *normal_equations(model, x, information)), pull_in_chart)
 
     def move(x: Point, step: np.ndarray) -> Point:
         return moved(model, x, step, free)

@@ -35,7 +35,7 @@ from bayes_inertia.inference.cleaning import (
 from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.likelihood import Point, padded_sensitivities, residuals
-from bayes_inertia.inference.noise_colour import Colour, colour_of, level_of_rounded, rounding_steps
+from bayes_inertia.inference.noise_colour import colour_of, level_of_rounded, rounding_steps
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -123,7 +123,9 @@ def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | No
     colour = next(filter(None, (colours_seen(fit, slow=True) for fit in fits)), None)
     if colour is None:
         return None
-    coloured = _restarted(start, replace(start.treatment, colour=colour), start.base)
+    treatment = replace(start.treatment, colour=colour)
+    base = _treated(start, start.base, treatment)
+    coloured = _restarted(start, treatment, base, base)
     for _ in range(LIMITS.rounds_of_noise):
         again = measured_again(coloured, coloured.base)
         if again is None:
@@ -153,17 +155,18 @@ def _at_level(start: CleanStart, noise: dict[str, float], treatment: DirtTreatme
     return replace(start, base=base, noise=noise, treatment=treatment)
 
 
-def _restarted(start: CleanStart, treatment: DirtTreatment, fit: Estimate) -> CleanStart:
-    """The start with another treatment, its noise at the level that a fit leaves."""
-    base = _treated(start, start.base, treatment)
-    fit = base if fit is start.base else _treated(start, fit, treatment)
+def _restarted(
+    start: CleanStart, treatment: DirtTreatment, base: Estimate, fit: Estimate
+) -> CleanStart:
+    """The start with another treatment, its noise at the level that a fit with it leaves."""
     return _at_level(replace(start, base=base), _noise(fit, treatment), treatment)
 
 
 def _treated(start: CleanStart, estimate: Estimate, treatment: DirtTreatment) -> Estimate:
     """An estimate with another treatment, its noise at the level that is stated."""
     campaign = treated(start.stated.campaign, treatment, start.stated.structure.drive)
-    return refitted(optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0)), campaign)
+    at_stated_level = optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0))
+    return refitted(at_stated_level, campaign, tolerance=LIMITS.comparison_tolerance)
 
 
 def log_evidence_of_noise(estimate: Estimate, levels: int = 0) -> float:
@@ -192,15 +195,21 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
 
     Returns: the start at other noise or with other masks; None where nothing changed.
     """
-    treatment = start.treatment
+    treatment, coloured = start.treatment, list[CleanFit]()
     if not start.as_stated:
-        again = {c: _colour_at(start, final, c) for c in treatment.colour}
-        treatment = replace(treatment, colour=again)
+        coloured = [_coloured_again(start, final, channel) for channel in treatment.colour]
+        for channel, fit in zip(treatment.colour, coloured, strict=True):
+            colour = {**treatment.colour, channel: fit.treatment.colour[channel]}
+            treatment = replace(treatment, colour=colour)
         if final is not start.base:
             masked = masks_at(final, start.stated.campaign, start.treatment)
             treatment = replace(treatment, masked=masked)
     if treatment != start.treatment:
-        return _restarted(start, treatment, final)
+        known = [fit.estimate for fit in coloured if fit.treatment == treatment]
+        fitted = known[0] if known else _treated(start, final, treatment)
+        same = final is start.base
+        base = fitted if same else _treated(start, start.base, treatment)
+        return _restarted(start, treatment, base, fitted)
     if final is start.base:
         return None
     noise = _noise(final, treatment)
@@ -213,11 +222,11 @@ def _is_settled(before: Mapping[str, float], after: Mapping[str, float]) -> bool
     return all(abs(change) < LIMITS.settled_level for change in changes)
 
 
-def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:
-    """Correlated noise as a fit leaves it, if that explains more than the one measured before."""
-    colour, slews = start.treatment.colour[channel], final.model.campaign.slews
+def _coloured_again(start: CleanStart, final: Estimate, channel: str) -> CleanFit:
+    """The fit with correlated noise as it leaves it, if that explains more than the one before."""
+    before, slews = CleanFit(final, start.treatment), final.model.campaign.slews
     if channel in start.treatment.rounded:
-        return colour
+        return before
     # Residuals in the sigmas that the campaign states.
     stated, used = (
         np.array(stream_named(channel, each.campaign).sigma(each.campaign), float)
@@ -226,12 +235,12 @@ def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:
     series = [(used / stated) * own for own in plain_series(final)[channel]]
     again = colour_of(slews, series, slow=True)
     if again is None:
-        return colour
+        return before
     treatment = replace(start.treatment, colour={**start.treatment.colour, channel: again})
     fit = _treated(start, final, treatment)
-    fit = optimizer.with_noise(fit, _noise(fit, treatment))
-    gain = log_evidence_of_noise(fit) - log_evidence_of_noise(final)
-    return again if gain > LIMITS.linear else colour
+    at_level = optimizer.with_noise(fit, _noise(fit, treatment))
+    gain = log_evidence_of_noise(at_level) - log_evidence_of_noise(final)
+    return CleanFit(fit, treatment) if gain > LIMITS.linear else before
 
 
 def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, Estimate]:

@@ -122,9 +122,11 @@ def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
         reading = read_table(table, rules, significant=significant)
         fixed = table.fixed_part(reading.row)
         final = fit_of(table, fixed, search)
+        if not rounds_left:
+            break
         search.say("measuring the noise again", 0, 0)
         again = measured_again(begin, final)
-        if again is None or not rounds_left:
+        if again is None:
             break
         begin = again
     for effect in [e for e in search.stochastic if e.name in reading.named]:

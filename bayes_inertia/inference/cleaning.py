@@ -27,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -250,17 +251,15 @@ def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: i
     return CleanFit(optimizer.estimate(model, seed=seed), treatment)
 
 
-def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = False) -> Estimate:
+def refitted(previous: Estimate, campaign: Campaign, **asked: Any) -> Estimate:
     """An estimate repeated with other readings, or another noise, of the same slews.
 
-    Returns: the same object if its campaign is that already.
+    `asked`: as of `re_estimate`. Returns: the same object if its campaign is that already.
     """
     if campaign is previous.model.campaign:
         return previous
     begin = replace(previous, model=replace(previous.model, campaign=campaign))
-    return optimizer.re_estimate(
-        begin, previous.theta, previous.free, weak_data_first=weak_data_first
-    )
+    return optimizer.re_estimate(begin, previous.theta, previous.free, **asked)
 
 
 def without_outliers(

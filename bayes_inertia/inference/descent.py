@@ -26,18 +26,20 @@ from scipy import integrate, optimize
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.hyperparameters import Evidence, most_probable, without_hyperparameters
-from bayes_inertia.inference.likelihood import Point, information_blocks, residuals
+from bayes_inertia.inference.likelihood import Point, information_and_pull, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, discounted, n_data, whitening
 from bayes_inertia.inference.objective import (
+    gradient_in_chart,
     in_chart,
     moved,
     negative_log_posterior,
     normal_equations,
     step_sizes,
+    whole_gradient,
 )
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.least_squares import dogleg
+from bayes_inertia.maths.least_squares import Equations, dogleg
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -110,9 +112,14 @@ def _to_minimum(
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are, these `silent` or not."""
 
-    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        blocks = information_blocks(model, x, white, free, silent=silent)
-        return in_chart(x, *normal_equations(model, x, blocks))
+    def equations(x: Point) -> Equations[Point]:
+        blocks, pull = information_and_pull(model, x, white, free, silent=silent)
+        hessian, gradient = in_chart(x, *normal_equations(model, x, blocks))
+
+        def pull_in_chart(y: Point) -> np.ndarray:
+            return gradient_in_chart(x, whole_gradient(model, y, free, pull(y)))
+
+        return Equations(hessian, gradient, pull_in_chart)
 
     # What noise alone makes of the objective; of other densities it has no such meaning.
     expected = 0.5 * max(float(n_data(model, white).sum()), 1.0)

@@ -22,7 +22,6 @@ from jax.flatten_util import ravel_pytree
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
     Pull,
-    Whitening,
     Whitenings,
     compiled_innovations,
     measured,
@@ -344,41 +343,70 @@ def unpadded_sensitivities(
     return Sensitivities(padded.residuals, tuple(j[..., :p] for j in padded.jacobian))
 
 
-def _pull(noise: Whitening, r: AnyArray, valid: np.ndarray, theta: np.ndarray) -> Pull:
-    if noise.density is None:
-        return Pull(r, 1.0, np.sum(r**2, -1))
-    return noise.density.pull(r, valid.reshape(r.shape), theta)
+def _pulls(model: Model, white: Whitenings, r: Residuals, theta: np.ndarray) -> list[Pull]:
+    """How the residuals of each channel pull."""
+    return [
+        Pull(x, 1.0, np.sum(x**2, -1))
+        if noise.density is None
+        else noise.density.pull(x, ok.reshape(x.shape), theta)
+        for noise, x, ok in zip(white, r, measured(model), strict=True)
+    ]
 
 
-def information_blocks(
-    model: Model,
-    point: Point,
-    white: Whitenings,
-    free: np.ndarray | None = None,
-    *,
-    silent: bool = False,
-) -> Information:
-    """Normal equations of every slew and channel at one point.
-
-    `free` (f,): indices of the parameters that may move; None for all. `silent`: as if no data told
-    of coefficients, so that they stay where they are zero.
-    """
-    free = np.arange(model.space.size) if free is None else np.asarray(free)
-    s = padded_sensitivities(model, point, white, free, silent=silent)
-    noise = zip(white, s.residuals, measured(model), strict=True)
-    pulls = [_pull(each, r, valid, point.theta) for each, r, valid in noise]
-    pairs = list(zip(s.jacobian, pulls, strict=True))
-    matrix = np.stack([pull.weight * (np.swapaxes(j, 1, 2) @ j) for j, pull in pairs], 1)
+def _gradient(
+    jacobian: Residuals, white: Whitenings, pulls: Sequence[Pull], free: np.ndarray
+) -> np.ndarray:
+    """Gradient (slews, channels, columns) of half the squares, or of the losses."""
+    pairs = zip(jacobian, pulls, strict=True)
     gradient = np.stack([np.einsum("snp,sn->sp", j, pull.slope) for j, pull in pairs], 1)
     for c, (each, pull) in enumerate(zip(white, pulls, strict=True)):
         if each.density is not None and pull.noise is not None:
-            (slope, information), (kept, at) = pull.noise, each.density.noise_columns(free)
-            gradient[:, c, at] += slope[:, kept]
-            matrix[:, c, at[:, None], at] += information[:, kept][:, :, kept]
+            kept, at = each.density.noise_columns(free)
+            gradient[:, c, at] += pull.noise[0][:, kept]
+    return gradient
+
+
+def information_blocks(
+    model: Model, point: Point, white: Whitenings, free: np.ndarray | None = None, **asked: bool
+) -> Information:
+    """Normal equations of every slew and channel at one point.
+
+    `free` (f,): indices of the parameters that may move; None for all. `asked`: as of
+    `information_and_pull`.
+    """
+    free = np.arange(model.space.size) if free is None else np.asarray(free)
+    return information_and_pull(model, point, white, free, **asked)[0]
+
+
+def information_and_pull(
+    model: Model, point: Point, white: Whitenings, free: np.ndarray, *, silent: bool = False
+) -> tuple[Information, Callable[[Point], np.ndarray]]:
+    """Normal equations at one point, and how other points pull with the derivatives there.
+
+    `free` (f,). `silent`: as if no data told of coefficients, so that they stay where they are
+    zero. Returns the equations; from a point to the gradient (slews, channels, p) that its
+    residuals have.
+    """
+    s = padded_sensitivities(model, point, white, free, silent=silent)
+    every = len(free) + len(point.bias) + model.structure.n_local
+    p = every - silent * sum(model.structure.coefficients)
+
+    def gradient_of(pulls: Sequence[Pull]) -> np.ndarray:
+        return filled(_gradient(s.jacobian, white, pulls, free)[..., :p], every, 2)
+
+    def pull_of(other: Point) -> np.ndarray:
+        r = residuals(model.structure, other, model.data, white)
+        return gradient_of(_pulls(model, white, r, other.theta))
+
+    pulls = _pulls(model, white, s.residuals, point.theta)
+    pairs = zip(s.jacobian, pulls, strict=True)
+    matrix = np.stack([pull.weight * (np.swapaxes(j, 1, 2) @ j) for j, pull in pairs], 1)
+    for c, (each, pull) in enumerate(zip(white, pulls, strict=True)):
+        if each.density is not None and pull.noise is not None:
+            kept, at = each.density.noise_columns(free)
+            matrix[:, c, at[:, None], at] += pull.noise[1][:, kept][:, :, kept]
+    matrix = filled(filled(matrix[..., :p, :p], every, 2), every, 3)
     chi2 = np.stack([pull.chi2 for pull in pulls], 1)
     weight = np.array([pull.weight for pull in pulls])
-    numbers, n_local = n_data(model, white), model.structure.n_local
-    every = len(free) + len(point.bias) + n_local
-    p = every - silent * sum(model.structure.coefficients)
-    matrix = filled(filled(matrix[..., :p, :p], every, 2), every, 3)
-    return Information(matrix, filled(gradient[..., :p], every, 2), chi2, numbers, free, weight)
+    numbers = n_data(model, white)
+    return Information(matrix, gradient_of(pulls), chi2, numbers, free, weight), pull_of

@@ -48,17 +48,31 @@ def normal_equations(
     """
     f, b, m = len(information.free), len(point.bias), point.n_local
     size = f + b + point.local.size
-    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    hessian = np.zeros((size, size))
     weights = np.ones(information.chi2.shape) if weights is None else weights
     for s, weight in enumerate(weights):
         index = block_index(f + b, m, s)
         hessian[np.ix_(index, index)] += (weight[:, None, None] * information.matrix[s]).sum(0)
-        gradient[index] += (weight[:, None] * information.gradient[s]).sum(0)
-    precision, slope = prior_equations(model, point.theta, information.free)
+    precision, _ = prior_equations(model, point.theta, information.free)
     hessian[:f, :f] += precision
     hessian[np.arange(f, size), np.arange(f, size)] += 1.0
-    gradient += np.concatenate([slope, point.bias, point.local.ravel()])
-    return hessian, gradient
+    weighted = weights[..., None] * information.gradient
+    return hessian, whole_gradient(model, point, information.free, weighted)
+
+
+def whole_gradient(
+    model: Model, point: Point, free: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
+    """Gradient (unknowns,) of the negative log posterior, priors included.
+
+    `free` (f,); `gradient` (slews, channels, p) of the data.
+    """
+    shared = len(free) + len(point.bias)
+    _, slope = prior_equations(model, point.theta, free)
+    whole = np.zeros(shared + point.local.size)
+    for s, of_slew in enumerate(gradient):
+        whole[block_index(shared, point.n_local, s)] += of_slew.sum(0)
+    return whole + np.concatenate([slope, point.bias, point.local.ravel()])
 
 
 def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,11 +173,16 @@ def in_chart(
     """
     turn = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
     # Only J is turned: thousands of nuisances stay as they are.
-    hessian, gradient = hessian.copy(), gradient.copy()
+    hessian = hessian.copy()
     hessian[:6] = turn.T @ hessian[:6]
     hessian[:, :6] = hessian[:, :6] @ turn
-    gradient[:6] = turn.T @ gradient[:6]
-    return hessian, gradient
+    return hessian, gradient_in_chart(point, gradient)
+
+
+def gradient_in_chart(point: Point, gradient: np.ndarray) -> np.ndarray:
+    """A gradient (unknowns,) in the chart of J at a point, see `in_chart`."""
+    turn = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
+    return np.concatenate([turn.T @ gradient[:6], gradient[6:]])
 
 
 def marginal_information(

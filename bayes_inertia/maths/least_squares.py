@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -16,12 +17,29 @@ from scipy import linalg
 from bayes_inertia.maths.numerics import NUMERICS
 
 
+class Equations[X](NamedTuple):
+    """Normal equations of half a sum of squares at a point.
+
+    Parameters
+    ----------
+    hessian : (n, n) array
+        J^T J, J the derivatives of the residuals there.
+    gradient : (n,) array
+        J^T r, r the residuals there.
+    pull : callable
+        From another point to J^T r (n,), r the residuals there: it asks for no derivatives.
+    """
+
+    hessian: np.ndarray
+    gradient: np.ndarray
+    pull: Callable[[X], np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem[X]:
     """What is minimised, and how one moves."""
 
     objective: Callable[[X], float]
-    equations: Callable[[X], tuple[np.ndarray, np.ndarray]]
     move: Callable[[X, np.ndarray], X]
 
     def at(self, x: X) -> tuple[X, float]:
@@ -29,16 +47,26 @@ class _Problem[X]:
         value = self.objective(x)
         return x, value if np.isfinite(value) else np.inf
 
-    def corrected(self, x: X, value: float, target: float) -> tuple[X, float]:
-        """A point lower than x beside the valley's bottom; enough once the target is reached."""
+    def corrected(
+        self, x: X, value: float, target: float, before: Equations[X], step: np.ndarray
+    ) -> tuple[X, float]:
+        """A point lower than x, where a step (n,) from `before` ended on the wall of a valley.
+
+        What the residuals are there beyond what was linear in the step is taken off with the
+        derivatives from before the step; enough once the target is reached.
+        """
+        linear = before.gradient + before.hessian @ step
         for _ in range(NUMERICS.most_corrections):
             if not np.isfinite(value) or value <= target:
                 break
-            step = _damped_step(*self.equations(x), NUMERICS.correction_damping)
-            trial, reached = self.at(self.move(x, step))
-            if reached >= value:
+            beyond = before.pull(x) - linear
+            correction = _damped_step(before.hessian, beyond, NUMERICS.correction_damping)
+            trial, reached = self.at(self.move(x, correction))
+            left = (reached - target) / (value - target)
+            if reached < value:
+                x, value = trial, reached
+            if left > NUMERICS.most_left:
                 break
-            x, value = trial, reached
         return x, value
 
 
@@ -52,9 +80,9 @@ class _QuadraticModel:
     steepest: np.ndarray
 
     @classmethod
-    def at(cls, hessian: np.ndarray, gradient: np.ndarray, size: np.ndarray) -> _QuadraticModel:
+    def at(cls, equations: Equations, size: np.ndarray) -> _QuadraticModel:
         """The model of normal equations whose coordinates have these sizes (n,)."""
-        hessian, gradient = hessian * np.outer(size, size), gradient * size
+        hessian, gradient = equations.hessian * np.outer(size, size), equations.gradient * size
         curvature = gradient @ hessian @ gradient
         length = gradient @ gradient / curvature if curvature > 0.0 else 0.0
         newton = _damped_step(hessian, gradient, NUMERICS.least_damping)
@@ -78,7 +106,7 @@ class _QuadraticModel:
 
 def dogleg[X](
     objective: Callable[[X], float],
-    equations: Callable[[X], tuple[np.ndarray, np.ndarray]],
+    equations: Callable[[X], Equations[X]],
     move: Callable[[X, np.ndarray], X],
     x: X,
     size: np.ndarray,
@@ -92,11 +120,12 @@ def dogleg[X](
     A step follows the dogleg path, steepest descent first and then towards the Gauss-Newton step,
     to where it leaves the box in which the quadratic is trusted (Powell 1970; Nocedal and Wright
     2006, section 4.1). Where the data hardly show a direction the minimum lies at the end of a
-    long, narrow, curved valley, and steps end on its wall: a step that disappoints is followed by
-    corrections that move down the wall and not along the valley.
+    long, narrow, curved valley, and steps end on its wall: a step that keeps less than its promise
+    is followed by corrections that bend it (geodesic acceleration, Transtrum and Sethna 2012, by
+    the residuals at its end). They ask for residuals, not for derivatives.
 
     `objective`: half the sum of squares at a point; infinite or NaN where there is none.
-    `equations`: Gauss-Newton Hessian (n, n) and gradient (n,) at a point. `move`: the point reached
+    `equations`: normal equations at a point. `move`: the point reached
     from a point by a step (n,). `size` (n,): A step of each coordinate that is neither large nor
     small. The first step is at most this. `tolerance`: of the objective. The descent ends when the
     Gauss-Newton step promises less than this, or when the last steps that were taken gained less
@@ -106,15 +135,16 @@ def dogleg[X](
 
     Examples
     --------
-    >>> def identity(x): return np.eye(2), x
+    >>> def identity(x): return Equations(np.eye(2), x, lambda y: y)
     >>> x, _ = dogleg(lambda x: 0.5 * x @ x, identity, np.add, np.ones(2), np.ones(2))
     >>> x.round(3).tolist()
     [0.0, 0.0]
     """
-    problem = _Problem(objective, equations, move)
+    problem = _Problem(objective, move)
     (x, best), radius = problem.at(x), NUMERICS.first_radius
     reached_before = [np.inf] * NUMERICS.stall_steps
-    model = _QuadraticModel.at(*equations(x), size)
+    now = equations(x)
+    model = _QuadraticModel.at(now, size)
     for _ in range(steps):
         step = model.step(radius)
         promised = model.gain(step)
@@ -123,7 +153,7 @@ def dogleg[X](
         trial, reached = problem.at(move(x, step * size))
         if promised > NUMERICS.stall_tolerances * _counted(tolerance, best / expected):
             wanted = best - NUMERICS.disappointing_share * promised
-            trial, reached = problem.corrected(trial, reached, wanted)
+            trial, reached = problem.corrected(trial, reached, wanted, now, step * size)
         radius = _next_radius(radius, step, (best - reached) / max(promised, 1e-300))
         if np.isfinite(reached) and reached <= best:
             x, best = trial, reached
@@ -132,7 +162,8 @@ def dogleg[X](
             stalled = reached_before[0] - best < NUMERICS.stall_tolerances * counted
             if stalled or model.gain(model.newton) < counted:
                 break
-            model = _QuadraticModel.at(*equations(x), size)
+            now = equations(x)
+            model = _QuadraticModel.at(now, size)
         if promised < 1e-3 * tolerance or radius < NUMERICS.smallest_radius:
             break
     return x, best

@@ -19,9 +19,11 @@ class Numerics:
 
     # `least_squares.py`
     # Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at
-    # most.
-    correction_damping: float = 1e-2
-    most_corrections: int = 5
+    # most: with derivatives from before the step they converge slowly.
+    correction_damping: float = 1e-4
+    most_corrections: int = 8
+    # One that leaves more than this share of what exceeds the target is the last.
+    most_left: float = 0.8
     # A descent ends when so many steps together gained less than so many tolerances.
     stall_steps: int = 5
     stall_tolerances: float = 100.0
@@ -34,7 +36,7 @@ class Numerics:
     smallest_radius: float = 1e-12
     # Share of a step's promise below which it disappoints and is corrected, and below and above
     # which the region shrinks and grows, and by what.
-    disappointing_share: float = 0.5
+    disappointing_share: float = 0.9
     poor_share: float = 0.25
     good_share: float = 0.75
     shrink: float = 0.25

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.maths.least_squares import dogleg
+from bayes_inertia.maths.least_squares import Equations, dogleg
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
@@ -17,7 +17,7 @@ def test_dogleg_finds_rosenbrocks_minimum_at_any_scaling(scale):
 
     def equations(x):
         r, j = rows(x)
-        return j.T @ j, j.T @ r
+        return Equations(j.T @ j, j.T @ r, lambda y: j.T @ rows(y)[0])
 
     x, objective = dogleg(
         lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
@@ -44,7 +44,7 @@ def test_dogleg_reaches_the_end_of_a_narrow_curved_valley(stiffness):
 
     def equations(x):
         r, j = rows(x)
-        return j.T @ j, j.T @ r
+        return Equations(j.T @ j, j.T @ r, lambda y: j.T @ rows(y)[0])
 
     x, objective = dogleg(
         lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
@@ -62,11 +62,13 @@ def test_dogleg_survives_points_without_derivatives():
     not the descent.
     """
 
+    def gradient(x):
+        hole = np.nan if 1.0 < x[0] < 2.5 else 1.0
+        return hole * np.array([x[0] - 3.0 + 4.0 * (x[0] - 3.0) ** 3])
+
     def equations(x):
         hole = np.nan if 1.0 < x[0] < 2.5 else 1.0
-        return hole * np.array([[1.0 + 12.0 * x[0] ** 2]]), hole * np.array(
-            [x[0] - 3.0 + 4.0 * (x[0] - 3.0) ** 3]
-        )
+        return Equations(hole * np.array([[1.0 + 12.0 * x[0] ** 2]]), gradient(x), gradient)
 
     for start in (-4.0, 0.5, 6.0):
         x, objective = dogleg(
@@ -80,7 +82,7 @@ def test_dogleg_survives_points_without_derivatives():
         assert objective <= 0.5 * (start - 3.0) ** 2 + (start - 3.0) ** 4
     x, _ = dogleg(
         lambda x: 0.5 * (x[0] - 3.0) ** 2,
-        lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)),
+        lambda x: Equations(np.full((1, 1), np.nan), np.full(1, np.nan), lambda y: y),
         lambda x, s: x + s,
         np.array([5.0]),
         np.ones(1),
@@ -88,13 +90,17 @@ def test_dogleg_survives_points_without_derivatives():
     assert x[0] == 5.0
     # Nor does a start without an objective, whose derivatives are finite.
     x, objective = dogleg(
-        lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]), np.ones(1)
+        lambda x: np.inf,
+        lambda x: Equations(np.eye(1), x, lambda y: y),
+        lambda x, s: x + s,
+        np.array([5.0]),
+        np.ones(1),
     )
     assert (x[0], objective) == (5.0, np.inf)
     # A start without an objective is left behind, and the descent goes on.
     x, _ = dogleg(
         lambda x: 0.5 * x[0] ** 2 if x[0] < 4.5 else np.inf,
-        lambda x: (np.eye(1), x),
+        lambda x: Equations(np.eye(1), x, lambda y: y),
         lambda x, s: x + s,
         np.array([5.0]),
         np.ones(1),
@@ -117,7 +123,7 @@ def test_a_misfit_that_blurs_the_minimum_is_not_followed_to_the_last_digit(misfi
     def equations(x):
         counted.append(x)
         r, j = rows(x)
-        return j.T @ j, j.T @ r
+        return Equations(j.T @ j, j.T @ r, lambda y: j.T @ rows(y)[0])
 
     def descent(**stop):
         counted.clear()
