@@ -265,6 +265,7 @@ def needs_format_2(campaign: Campaign, channels: Sequence[Written]) -> bool:
         or campaign.reference
         or any("" in channel.names for channel in channels)
         or any(wheel.state != "running" for wheel in campaign.wheels)
+        or any(slew.inputs for slew in campaign.slews)
         or sensor is None
         or len(sensor.axes) != 3
     )

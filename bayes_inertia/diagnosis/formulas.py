@@ -138,10 +138,13 @@ def drivers(response: TorqueResponse) -> Iterator[Followed]:
     )
     for (key, wheel), values in zip(asked, _along(response, asked), strict=True):
         driver, middle = driver_of(key), 0.0
-        if driver.inputs and driver.columns == "one":
+        if driver.inputs and values.shape[-1] == 1:
             # Counted from zero a temperature would not differ from a constant.
             middle = float(f"{np.mean(values):.6g}")
-        yield Followed(key, wheel, values - middle, middle)
+        driven = values - middle
+        if driver.of_rate:
+            driven = driven * response.rate_B
+        yield Followed(key, wheel, driven, middle)
 
 
 def _allowed(place: str, key: str, model: Model) -> bool:
@@ -152,6 +155,8 @@ def _allowed(place: str, key: str, model: Model) -> bool:
         acts = bool(campaign.wheels) and model.structure.drive == "commanded"
         return acts and knows(place, key) and not (driver.of_one_wheel or driver.needs)
     if place == "inertial_torque" and driver.columns not in ("one", "wheels"):
+        return False
+    if driver.of_rate and place != "rate_error":
         return False
     if place == "rate_error":
         sensor = campaign.rate_sensor

@@ -214,7 +214,7 @@ def arcsec_text(angle: float) -> str:
 
 
 def plain(name: str) -> str:
-    """The name of an effect or a parameter in print.
+    """The name of an effect or a parameter in print; of several, joined by "and", each.
 
     Returns: words with spaces; the frame that a name ends its quantity with is spelt out.
 
@@ -224,7 +224,11 @@ def plain(name: str) -> str:
     'body torque = c |ω|²'
     >>> plain("noise.rate_degrees")
     'noise: rate degrees of freedom'
+    >>> plain("formula_rate_error_rate_times_time_full and wheel_friction")
+    'rate error = C t_campaign ω and wheel friction'
     """
+    if " and " in name:
+        return " and ".join(map(plain, name.split(" and ")))
     effect, dot, parameter = name.rpartition(".")
     if (effect or name).startswith("formula_"):
         # Formulas bring JAX along, which the printing of other names does without.

@@ -27,6 +27,7 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import (
     campaign_of,
     campaign_sha256,
@@ -135,6 +136,16 @@ def test_further_readings_that_no_folder_holds_are_refused(tmp_path):
         with pytest.raises(OutputError, match=named):
             write_campaign(other, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_temperature_that_a_folder_has_no_key_for_is_refused_and_not_lost(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    slews = [
+        replace(s, inputs={"temperature": InputStream(s.time, s.time[:, None])})
+        for s in campaign.slews
+    ]
+    with pytest.raises(OutputError, match="temperature"):
+        write_campaign(replace(campaign, slews=slews), tmp_path / "out")
 
 
 def test_lost_commands_that_could_not_be_told_again_are_refused(tmp_path):

@@ -36,6 +36,7 @@ FORMULAS = (
     Formula("tachometer_error", "wheel_rates", "full"),
     Formula("body_torque", "inertial_sun", "full"),
     Formula("rate_error", "input_temperature", "full"),
+    Formula("rate_error", "rate_with_temperature", "full"),
     Formula("attitude_error", "vector_sun", "full"),
 )
 
@@ -204,6 +205,19 @@ def test_a_bias_that_follows_the_users_own_temperature_is_named(clean, rigid_lib
     assert name.startswith("formula_rate_error_input_temperature")
     (formula,) = found.effects_added
     assert 285.0 < formula.middle < 305.0
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_a_scale_factor_that_follows_the_users_own_temperature_is_named(clean, rigid_library):
+    slews = []
+    for slew in map(heated, clean.slews):
+        warmer = slew.inputs["temperature"].values - 293.0
+        slews.append(replace(slew, rate=slew.rate * (1.0 + 1e-3 * warmer)))
+    found = diagnose(replace(clean, slews=tuple(slews)), library=rigid_library)
+    assert found.verdict == "formula"
+    (name,) = found.named
+    assert name.startswith("formula_rate_error_rate_with_temperature")
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ CAMPAIGN = small_campaign()
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_formula_is_found_by_its_name(place):
-    told = ("input_temperature", "vector_plume_full", "inertial_sun")
+    told = ("input_temperature", "rate_with_temperature", "vector_plume_full", "inertial_sun")
     for driver, form in itertools.product((*DRIVERS, *told), FORMS):
         wheel = 1 if driver_of(driver).of_one_wheel else 0
         row, column = {"entry": (2, 1), "column": (0, 1)}.get(form, (0, 0))
@@ -89,6 +89,16 @@ def test_what_acts_is_the_matrix_of_coefficients_times_the_driver(form, coeffici
 )
 def test_coefficients_have_the_unit_of_what_acts_over_that_of_the_driver(formula, unit):
     assert formula.parameters(CAMPAIGN)[0].unit == unit
+
+
+def test_a_scale_factor_that_follows_a_temperature_counts_it_from_its_middle():
+    formula = Formula("rate_error", "rate_with_temperature", "diagonal", middle=293.0)
+    assert formula.text == "rate error = diag(c) (temperature − 293) ω"
+    assert formula.parameters(CAMPAIGN)[0].unit == "rad/temperature"
+    state = State(*[None] * 7, inputs={"temperature": jnp.asarray([295.0])})
+    state = state._replace(rate_B=jnp.asarray([0.1, 0.2, -0.3]))
+    acting = formula._value({"c": jnp.asarray([1.0, 10.0, 100.0])}, None, 0.0, state)
+    np.testing.assert_allclose(acting, [0.2, 4.0, -60.0])
 
 
 @pytest.mark.slow

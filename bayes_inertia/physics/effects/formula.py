@@ -50,6 +50,8 @@ class Driver(NamedTuple):
         Whether it changes its sign at once.
     inputs : tuple of str
         Streams of `Slew.inputs` that it is made of.
+    of_rate : bool
+        Whether it is the body rate times its value, such as that of a temperature.
     words : str
         What it is in a sentence; empty where formulas alone follow it.
     """
@@ -63,6 +65,7 @@ class Driver(NamedTuple):
     commands: bool = False
     switches: bool = False
     inputs: tuple[str, ...] = ()
+    of_rate: bool = False
     words: str = ""
 
     @property
@@ -188,8 +191,8 @@ DRIVERS: Mapping[str, Driver] = {
     for key, row in vocabulary("physics")["drivers"].items()
 }
 
-# Kinds of inputs: one number; a vector in body axes; one in inertial axes.
-_INPUT = re.compile(r"(input|vector|inertial)_(\w+)")
+# Kinds of inputs: one number; a vector in body axes; one in inertial axes; a number times the rate.
+_INPUT = re.compile(r"(input|vector|inertial|rate_with)_(\w+)")
 
 
 def driver_of(key: str) -> Driver:
@@ -208,6 +211,9 @@ def driver_of(key: str) -> Driver:
         return quaternion.to_body(state.attitude, told) if kind == "inertial" else told
 
     words = name.replace("_", " ") + (" (inertial axes)" if kind == "inertial" else "")
+    if kind == "rate_with":
+        # A scale factor that follows it, where it is a sensor's error.
+        return Driver(words, value, {name: 1, "s": -1}, inputs=(name,), of_rate=True)
     return Driver(
         words, value, {name: 1}, "one" if kind == "input" else "body", inputs=(name,), words=words
     )
@@ -217,7 +223,7 @@ def drivers_known(campaign) -> tuple[str, ...]:
     """Keys of the drivers that a campaign tells in every slew."""
     known = tuple(key for key, driver in DRIVERS.items() if _is_known(campaign, driver))
     first, *others = (slew.inputs or {} for slew in campaign.slews)
-    kinds = {1: ("input",), 3: ("vector", "inertial")}
+    kinds = {1: ("input", "rate_with"), 3: ("vector", "inertial")}
     told = tuple(
         f"{kind}_{name}"
         for name, stream in first.items()
@@ -254,8 +260,8 @@ class Formula(RowByRow):
         on the wheels; errors are added to the readings of a sensor.
     driver : str, optional
         What it is in proportion to: a key of `DRIVERS`; or a stream of `Slew.inputs`, such as a
-        temperature: "input_NAME" (one number), "vector_NAME" (x, y, z in body axes) or
-        "inertial_NAME" (in inertial axes).
+        temperature: "input_NAME" (one number), "vector_NAME" (x, y, z in body axes),
+        "inertial_NAME" (in inertial axes) or "rate_with_NAME" (one number times the body rate).
     form : {"full", "diagonal", "scalar", "cross", "column", "entry", "hollow"}, optional
         All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry; all
         of C but its diagonal.
@@ -362,6 +368,7 @@ class Formula(RowByRow):
         place, driver = PLACES[self.place], self._driver
         symbol = driver.symbol.replace("{w}", str(self.wheel + 1))
         symbol = f"({symbol} − {self.middle:g})" if self.middle else symbol
+        symbol += " ω" if driver.of_rate else ""
         right = {
             "full": f"C {symbol}" if driver.columns != "one" else f"c {symbol}",
             "diagonal": f"diag(c) {symbol}",
@@ -444,8 +451,8 @@ class Formula(RowByRow):
 
     def _value(self, p, slew, t, state):
         """What acts at one instant (m,)."""
-        told = self._driver.value(slew, t, state, self.wheel)
-        acting = self._of_driver(p["c"], told - self.middle)
+        told = self._driver.value(slew, t, state, self.wheel) - self.middle
+        acting = self._of_driver(p["c"], told * state.rate_B if self._driver.of_rate else told)
         if self.form == "entry":
             rows = 3 if PLACES[self.place].rows != "wheels" else len(state.wheel_momentum)
             acting = jnp.zeros(rows).at[self.row].set(acting[0])
