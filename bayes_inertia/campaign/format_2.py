@@ -290,10 +290,26 @@ class OrbitDevice(schema.Part):
     )
 
 
+class ValuesColumns(InputColumns):
+    """`values` of what a disturbance may follow, taken as they are."""
+
+    names: schema.Names = Field(description=_NAMES + "one number, or x, y, z of a vector")
+    unit: None = None
+
+
+class InputDevice(schema.NamedPart):
+    """One of `[[environment]]`: a temperature, or whatever else a disturbance may follow."""
+
+    type: Literal["input"]
+    values: ValuesColumns = Field(description='values = { names = ["..."], between = "line" }')
+
+
 OtherActuator = TorqueDevice | MagnetorquerDevice | ThrusterDevice | RotorsDevice
 Actuator = Annotated[WheelDevice | OtherActuator, Field(discriminator="type")]
 Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discriminator="type")]
-Environment = Annotated[FieldDevice | PositionDevice | OrbitDevice, Field(discriminator="type")]
+Environment = Annotated[
+    FieldDevice | PositionDevice | OrbitDevice | InputDevice, Field(discriminator="type")
+]
 
 
 class ChangePart(schema.NamedPart):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -150,9 +151,10 @@ def _reference(parsed: format_2.CampaignPart) -> str | None:
 def _orbit(parsed: format_2.CampaignPart) -> tuple[str, str] | None:
     """The file of two-line elements and the epoch, if position and field come from them."""
     orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
+    others = [p for p in parsed.environment if not isinstance(p, format_2.InputDevice)]
     for part in orbits:
         what, advice = "position and magnetic field are given twice", "keep the orbit or columns"
-        require_key(len(parsed.environment) == 1, f"environment.{part.name}", what, advice)
+        require_key(len(others) == 1, f"environment.{part.name}", what, advice)
     return (orbits[0].tle, orbits[0].epoch) if orbits else None
 
 
@@ -201,11 +203,20 @@ def _sensor_entries(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> 
 
 
 def _environment_entries(parsed: format_2.CampaignPart) -> list[Entry]:
-    return [
-        Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
-        for part in parsed.environment
-        if not isinstance(part, format_2.OrbitDevice)
-    ]
+    entries, devices = [], {part.name for part in (*parsed.actuators, *parsed.sensors)}
+    for part in parsed.environment:
+        place = f"environment.{part.name}"
+        if isinstance(part, format_2.InputDevice):
+            what, advice = "the name is that of a device", "give each its own name"
+            require_key(part.name not in devices, place, what, advice)
+            advice = "write letters, digits and _: formulas are called by it"
+            word = re.fullmatch(r"\w+", part.name) is not None
+            require_key(word, place, "the name is no single word", advice)
+            entries.append(Entry("input", f"inputs.{part.name}", part.values, (f"{place}.values",)))
+        elif not isinstance(part, format_2.OrbitDevice):
+            columns = part.vector
+            entries.append(Entry(part.type, FIELDS[part.type], columns, (f"{place}.vector",)))
+    return entries
 
 
 def _actuator(part: format_2.OtherActuator) -> actuators.Actuator:

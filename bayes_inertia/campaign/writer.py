@@ -381,6 +381,7 @@ def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
     seen = {name for slew in campaign.slews for name in slew.inputs or ()}
     names = [device.name for device in campaign.actuators]
     names += [name for name, _ in campaign.more_sensors if name in seen]
+    names += sorted(seen - set(names))
     for k, name in enumerate(names):
         inputs[name] = f"{word(name)}_{k + 1}" if word(name) in taken else word(name)
         taken.add(inputs[name])
@@ -389,11 +390,6 @@ def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
 
 def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
     """The tables of a slew's inputs, by file."""
-    unknown = sorted(set(slew.inputs or ()) - set(streams.inputs))
-    if unknown:
-        what = f"the input {unknown[0]!r} belongs to no device"
-        advice = "leave it out: a campaign folder holds inputs of [[actuators]] only"
-        raise OutputError(what, where=f"slew {slew.name}", advice=advice)
     tables = {}
     for device, stream in streams.inputs.items():
         if device not in (slew.inputs or {}):
@@ -425,9 +421,12 @@ def devices(
             if c.sensor and c.sensor.hardware(campaign)
         ],
         "environment": [
-            {"name": c.key.replace("_", " "), "type": c.key, "vector": entries[c.channel]}
-            for c in channels
-            if not c.sensor and not c.is_series
+            *(
+                {"name": c.key.replace("_", " "), "type": c.key, "vector": entries[c.channel]}
+                for c in channels
+                if not c.sensor and not c.is_series
+            ),
+            *_inputs(campaign, streams),
         ],
         "changes": [dict(vars(change)) for change in campaign.changes],
     }
@@ -464,13 +463,32 @@ def _sensor(
     return {"name": name, "type": key, **stated, key: said}
 
 
-def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, Any]:
-    kinds = {(slew.inputs or {})[device.name].between for slew in campaign.slews}
+def _inputs(campaign: Campaign, streams: Streams) -> list[dict[str, Any]]:
+    """Inputs of no device: what else a disturbance may follow."""
+    devices = {device.name for device in campaign.actuators} | campaign.sensors.keys()
+    told = []
+    for name in streams.inputs.keys() - devices:
+        between, stream = _between(campaign, name), streams.inputs[name]
+        width = (campaign.slews[0].inputs or {})[name].width
+        names = [f"{stream}_{k + 1}" for k in range(width)]
+        values = {"stream": stream, "names": names, "between": between}
+        told.append({"name": name, "type": "input", "values": values})
+    return sorted(told, key=lambda part: part["name"])
+
+
+def _between(campaign: Campaign, name: str) -> str:
+    """What an input does between its readings, alike in all slews."""
+    kinds = {(slew.inputs or {})[name].between for slew in campaign.slews}
     if len(kinds) > 1:
-        what = f"the input of {device.name!r} is {' in one slew, '.join(sorted(kinds))} in another"
+        what = f"the input of {name!r} is {' in one slew, '.join(sorted(kinds))} in another"
         advice = "give it one form in all slews: a campaign folder says it once"
         raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
-    between, stream, stated = kinds.pop(), streams.inputs[device.name], keys_of(device)
+    return kinds.pop()
+
+
+def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, Any]:
+    between = _between(campaign, device.name)
+    stream, stated = streams.inputs[device.name], keys_of(device)
     kind, key, _, unit = DEVICE_INPUTS[type(device)]
     names = [f"{stream}_{k + 1}" for k in range(device.columns)]
     frame = {"frame": stated.pop("frame")} if "frame" in stated else {}

@@ -138,14 +138,43 @@ def test_further_readings_that_no_folder_holds_are_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_temperature_that_a_folder_has_no_key_for_is_refused_and_not_lost(tmp_path):
+def test_a_temperature_and_a_direction_of_no_device_read_back_as_they_are(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    slews = []
+    for slew in campaign.slews:
+        warm = InputStream(slew.time, 293.0 + slew.time, "line")
+        sun = InputStream(slew.time[:1], np.array([[0.6, 0.0, 0.8]]))
+        slews.append(replace(slew, inputs={"temperature": warm, "sun": sun}))
+    told = replace(campaign, slews=slews)
+    again = read_campaign(write_campaign(told, tmp_path / "out"))
+    alone = [replace(slew, inputs=None) for slew in again.slews]
+    assert_same(replace(again, slews=alone), campaign)
+    for slew, other in zip(again.slews, told.slews, strict=True):
+        assert slew.inputs.keys() == other.inputs.keys()
+        for name, stream in slew.inputs.items():
+            np.testing.assert_array_equal(stream.values, other.inputs[name].values)
+            assert stream.between == other.inputs[name].between
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ('name = "temperature"', 'name = "panel temperature"', "no single word"),
+        ('name = "temperature"', 'name = "rate sensor"', "that of a device|no single word"),
+        ('["temperature_1"]', '["temperature_9"]', "temperature_9"),
+    ],
+)
+def test_an_input_of_the_environment_is_checked(tmp_path, right, wrong, message):
     campaign = read_campaign(make(tmp_path / "in"))
     slews = [
-        replace(s, inputs={"temperature": InputStream(s.time, s.time[:, None])})
-        for s in campaign.slews
+        replace(s, inputs={"temperature": InputStream(s.time, s.time)}) for s in campaign.slews
     ]
-    with pytest.raises(OutputError, match="temperature"):
-        write_campaign(replace(campaign, slews=slews), tmp_path / "out")
+    folder = write_campaign(replace(campaign, slews=slews), tmp_path / "out")
+    text = (folder / "campaign.toml").read_text()
+    assert right in text
+    (folder / "campaign.toml").write_text(text.replace(right, wrong))
+    with pytest.raises(CampaignError, match=message):
+        read_campaign(folder)
 
 
 def test_lost_commands_that_could_not_be_told_again_are_refused(tmp_path):
