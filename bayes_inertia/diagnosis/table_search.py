@@ -42,6 +42,8 @@ from bayes_inertia.diagnosis.result import Hypothesis, within_prior
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.likelihood import Point
+from bayes_inertia.inference.objective import negative_log_posterior
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.settings import NOTHING
 from bayes_inertia.maths.kept_programs import return_freed_memory
@@ -256,29 +258,62 @@ def fit_of(table: Table, names: Names, search: Search) -> Estimate:
 
 
 def _refit(names: Names, refitted: Mapping[Names, RefittedRow], search: Search) -> Estimate:
-    """Fit a set of effects, begun where the nearest linear model has them."""
+    """Fit a set of effects, begun where the nearest linear model has everything.
+
+    Where that fits no better than without them nothing is linear: the way from there may end in a
+    local optimum, and the fit begins with the data counted weakly.
+    """
     near, base = _below(names, refitted), refitted[frozenset()].estimate
+    estimate, theta, steps = _start(names, near, search)
+    point = _followed(replace(estimate.point, theta=theta), near.linear, steps)
+    reached = negative_log_posterior(estimate.model, point, estimate.white)
+    weak = not reached < near.estimate.objective
+    if not weak:
+        local = replace(estimate.point, bias=point.bias, local=point.local)
+        estimate, theta = replace(estimate, point=local), point.theta
+    parts = (estimate.model.space.slice_of(name) for name in sorted(names))
+    free = [np.intersect1d(np.arange(estimate.model.n_known), base.free)]
+    free += [np.arange(part.start, part.stop) for part in parts]
+    stop = {"tolerance": LIMITS.comparison_tolerance}
+    fitted = re_estimate(estimate, theta, np.concatenate(free), weak_data_first=weak, **stop)
+    for name in sorted(names):
+        fitted = within_prior(fitted, name, search.rules, **stop)
+    return fitted
+
+
+def _start(
+    names: Names, near: RefittedRow, search: Search
+) -> tuple[Estimate, np.ndarray, dict[str, np.ndarray]]:
+    """The nearest fit, theta (d,) with what its linear model foretells of more effects, and that.
+
+    Steps of these effects [prior sd as stated].
+    """
     estimate, theta = near.estimate, near.estimate.theta.copy()
     if FLEXIBLE_MODE in names - near.names:
         estimate, theta = _with_mode(estimate, search.effects, near.linear.mode)
     space = estimate.model.space
     scales = {e.name: e.prior_scale for e in estimate.model.effects}
-    predicted = amplitudes(near.linear, names)
-    free = [np.intersect1d(np.arange(estimate.model.n_known), base.free)]
-    for name in sorted(names):
+    largest, foretold = LIMITS.largest_amplitude, amplitudes(near.linear, names)
+    steps = {name: np.clip(foretold[name], -largest, largest) for name in names - near.names}
+    for name in steps.keys() - {FLEXIBLE_MODE}:
         part = space.slice_of(name)
-        free.append(np.arange(part.start, part.stop))
-        if name in near.names or name == FLEXIBLE_MODE:
-            continue
-        sd, largest = space.sd[part], LIMITS.largest_amplitude
-        step = np.clip(predicted[name], -largest, largest) * sd / scales[name]
+        sd = space.sd[part]
         inside = space.lower[part] + 1e-3 * sd, space.upper[part] - 1e-3 * sd
-        theta[part] = np.clip(space.nulls[part] + step, *inside)
-    tolerance = LIMITS.comparison_tolerance
-    fitted = re_estimate(estimate, theta, np.concatenate(free), tolerance=tolerance)
-    for name in sorted(names):
-        fitted = within_prior(fitted, name, search.rules, tolerance=tolerance)
-    return fitted
+        theta[part] = np.clip(space.nulls[part] + steps[name] * sd / scales[name], *inside)
+    return estimate, theta, steps
+
+
+def _followed(point: Point, linear: LinearModel, steps: Mapping[str, np.ndarray]) -> Point:
+    """A point with everything that a fit holds moved as steps of effects ask, to first order."""
+    change = np.zeros(linear.columns.shape[-1])
+    for member in linear.members:
+        change[member.columns] = steps.get(member.name, 0.0)
+    moved = -linear.fit.inverse_root.T @ (linear.imitated @ change)
+    f, shared = len(linear.fit.free), linear.fit.n_shared
+    theta = point.theta.copy()
+    theta[linear.fit.free] += moved[:f]
+    own = moved[shared:].reshape(point.local.shape)
+    return Point(theta, point.bias + moved[f:shared], point.local + own)
 
 
 def amplitudes(linear: LinearModel, names: Names) -> dict[str, np.ndarray]:
