@@ -245,6 +245,19 @@ def plain(name: str) -> str:
     return f"{prefix}{quantity}{''.join(frames)}"
 
 
+def K_holds(name: str) -> str:
+    """Where the scale factors K hold beside an effect of this name; empty where it leaves them.
+
+    >>> K_holds("formula_rate_error_rate_with_temperature_full"), K_holds("wheel_friction")
+    ('the mean of temperature', '')
+    """
+    if not name.startswith("formula_"):
+        return ""
+    from bayes_inertia.physics.effects.formula import Formula
+
+    return Formula.of_name(name).K_holds
+
+
 def either_or(items: Sequence[str]) -> str:
     """Alternatives in a sentence.
 

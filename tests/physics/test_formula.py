@@ -94,6 +94,9 @@ def test_coefficients_have_the_unit_of_what_acts_over_that_of_the_driver(formula
 def test_a_scale_factor_that_follows_a_temperature_counts_it_from_its_middle():
     formula = Formula("rate_error", "rate_with_temperature", "diagonal", middle=293.0)
     assert formula.text == "rate error = diag(c) (temperature − 293) ω"
+    assert formula.K_holds == "the mean of temperature"
+    assert Formula("rate_error", "rate_times_time").K_holds == "the middle of the campaign"
+    assert Formula("body_torque", "rate_times_time").K_holds == ""
     assert formula.parameters(CAMPAIGN)[0].unit == "rad/temperature"
     state = State(*[None] * 7, inputs={"temperature": jnp.asarray([295.0])})
     state = state._replace(rate_B=jnp.asarray([0.1, 0.2, -0.3]))

@@ -381,6 +381,14 @@ class Formula(RowByRow):
         whole = right.get(self.form, f"c {symbol}{f' [{part}]' if part else ''}")
         return f"{place.symbol}{left} = {whole}"
 
+    @property
+    def K_holds(self) -> str:
+        """Where the scale factors K hold if this changes them; else empty."""
+        if self.place != "rate_error":
+            return ""
+        at = "the middle of the campaign" if self.driver == "rate_times_time" else ""
+        return f"the mean of {self._driver.symbol}" if self._driver.of_rate else at
+
     def parameters(self, campaign):
         place, driver = PLACES[self.place], self._driver
         rows, columns = (_labels(kind, campaign) for kind in (place.rows, driver.columns))
