@@ -253,6 +253,13 @@ class Campaign:
         return {"own": own, "former": former}
 
     @property
+    def further_inputs(self) -> dict[str, int]:
+        """Inputs of no device, such as a temperature, and how many numbers each has."""
+        devices = {device.name for device in self.actuators} | self.sensors.keys()
+        told = (item for slew in self.slews for item in (slew.inputs or {}).items())
+        return {name: stream.width for name, stream in told if name not in devices}
+
+    @property
     def sensors(self) -> dict[str, Any]:
         """The hardware of every sensor by its name; the first of a kind before the further ones."""
         return dict(self._each_sensor())

@@ -381,7 +381,7 @@ def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
     seen = {name for slew in campaign.slews for name in slew.inputs or ()}
     names = [device.name for device in campaign.actuators]
     names += [name for name, _ in campaign.more_sensors if name in seen]
-    names += sorted(seen - set(names))
+    names += sorted(campaign.further_inputs)
     for k, name in enumerate(names):
         inputs[name] = f"{word(name)}_{k + 1}" if word(name) in taken else word(name)
         taken.add(inputs[name])
@@ -465,15 +465,13 @@ def _sensor(
 
 def _inputs(campaign: Campaign, streams: Streams) -> list[dict[str, Any]]:
     """Inputs of no device: what else a disturbance may follow."""
-    devices = {device.name for device in campaign.actuators} | campaign.sensors.keys()
     told = []
-    for name in streams.inputs.keys() - devices:
-        between, stream = _between(campaign, name), streams.inputs[name]
-        width = (campaign.slews[0].inputs or {})[name].width
+    for name, width in sorted(campaign.further_inputs.items()):
+        stream, between = streams.inputs[name], _between(campaign, name)
         names = [f"{stream}_{k + 1}" for k in range(width)]
         values = {"stream": stream, "names": names, "between": between}
         told.append({"name": name, "type": "input", "values": values})
-    return sorted(told, key=lambda part: part["name"])
+    return told
 
 
 def _between(campaign: Campaign, name: str) -> str:

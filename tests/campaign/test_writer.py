@@ -18,6 +18,7 @@ from support.campaign_files import (
 )
 
 import bayes_inertia
+from bayes_inertia.app.commands.check import campaign_json
 from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import (
@@ -147,6 +148,9 @@ def test_a_temperature_and_a_direction_of_no_device_read_back_as_they_are(tmp_pa
         slews.append(replace(slew, inputs={"temperature": warm, "sun": sun}))
     told = replace(campaign, slews=slews)
     again = read_campaign(write_campaign(told, tmp_path / "out"))
+    devices = {row["name"]: row["is"] for row in campaign_json(again)["devices"]}
+    assert devices["temperature"] == "input, 1 number"
+    assert devices["sun"] == "input, 3 numbers"
     alone = [replace(slew, inputs=None) for slew in again.slews]
     assert_same(replace(again, slews=alone), campaign)
     for slew, other in zip(again.slews, told.slews, strict=True):

@@ -93,6 +93,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
 def _devices(campaign: Campaign) -> list[tuple[str, str]]:
     """Sensors, devices and changes beside wheels: each with what it is."""
     from bayes_inertia.campaign.sensors import stream_of_device
+    from bayes_inertia.maths.printed import counted
 
     return [
         *(
@@ -100,6 +101,7 @@ def _devices(campaign: Campaign) -> list[tuple[str, str]]:
             for name in campaign.sensors
         ),
         *((device.name, _gain_in_words(device)) for device in campaign.actuators),
+        *((n, f"input, {counted(k, 'number')}") for n, k in campaign.further_inputs.items()),
         *(
             (x.name, f"{x.part} changes at {x.time:.6g} s, by {_percent(x.sigma_fraction)} or so")
             for x in campaign.changes
@@ -156,7 +158,9 @@ def show_campaign(campaign: Campaign) -> None:
     further = [sensor for _, sensor in campaign.more_sensors]
     angles = campaign.star_tracker or not all(isinstance(each, RateSensor) for each in further)
     told = {
-        "devices": bool(further or campaign.actuators or campaign.changes),
+        "devices": bool(
+            further or campaign.actuators or campaign.changes or campaign.further_inputs
+        ),
         "angles": bool(angles),
         "prior": campaign.prior.names if campaign.prior else (),
         "dirt": dirt_sentences(content["dirt"]),
