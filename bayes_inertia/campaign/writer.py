@@ -390,6 +390,10 @@ def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
 
 def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
     """The tables of a slew's inputs, by file."""
+    unknown = sorted(set(slew.inputs or ()) - set(streams.inputs))
+    if unknown:
+        what = f"the input {unknown[0]!r} has the name of a sensor"
+        raise OutputError(what, where=f"slew {slew.name}", advice="give it a name of its own")
     tables = {}
     for device, stream in streams.inputs.items():
         if device not in (slew.inputs or {}):
@@ -480,6 +484,11 @@ def _between(campaign: Campaign, name: str) -> str:
     if len(kinds) > 1:
         what = f"the input of {name!r} is {' in one slew, '.join(sorted(kinds))} in another"
         advice = "give it one form in all slews: a campaign folder says it once"
+        raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
+    widths = {(slew.inputs or {})[name].width for slew in campaign.slews}
+    if len(widths) > 1:
+        what = f"the input of {name!r} has {' or '.join(map(str, sorted(widths)))} numbers"
+        advice = "give it as many numbers in every slew"
         raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
     return kinds.pop()
 

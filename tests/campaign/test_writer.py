@@ -160,6 +160,23 @@ def test_a_temperature_and_a_direction_of_no_device_read_back_as_they_are(tmp_pa
             assert stream.between == other.inputs[name].between
 
 
+def test_inputs_that_a_folder_would_lose_are_refused(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    first = campaign.slews[0]
+    wide = InputStream(first.time, np.ones((len(first.time), 3)))
+    named = [
+        replace(s, inputs={"rate sensor": InputStream(s.time, s.time)}) for s in campaign.slews
+    ]
+    second = replace(first, name="again", start=first.start + 1e4)
+    widths = [
+        replace(first, inputs={"T": wide}),
+        replace(second, inputs={"T": InputStream(first.time, first.time)}),
+    ]
+    for slews, message in ((named, "name of a sensor"), (widths, "1 or 3 numbers")):
+        with pytest.raises(OutputError, match=message):
+            write_campaign(replace(campaign, slews=slews), tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "message"),
     [

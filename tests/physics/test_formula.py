@@ -97,6 +97,8 @@ def test_a_scale_factor_that_follows_a_temperature_counts_it_from_its_middle():
     assert formula.K_holds == "the mean of temperature"
     assert Formula("rate_error", "rate_times_time").K_holds == "the middle of the campaign"
     assert Formula("body_torque", "rate_times_time").K_holds == ""
+    for form in ("hollow", "cross"):
+        assert Formula("rate_error", "rate_times_time", form).K_holds == ""
     assert formula.parameters(CAMPAIGN)[0].unit == "rad/temperature"
     state = State(*[None] * 7, inputs={"temperature": jnp.asarray([295.0])})
     state = state._replace(rate_B=jnp.asarray([0.1, 0.2, -0.3]))

@@ -384,7 +384,9 @@ class Formula(RowByRow):
     @property
     def K_holds(self) -> str:
         """Where the scale factors K hold if this changes them; else empty."""
-        if self.place != "rate_error":
+        diagonal = self.form in ("full", "diagonal", "scalar", "column")
+        diagonal = diagonal or (self.form == "entry" and self.row == self.column)
+        if self.place != "rate_error" or not diagonal:
             return ""
         at = "the middle of the campaign" if self.driver == "rate_times_time" else ""
         return f"the mean of {self._driver.symbol}" if self._driver.of_rate else at
