@@ -38,6 +38,7 @@ from bayes_inertia.inference.objective import (
     moved,
     negative_log_posterior,
     normal_equations,
+    prior_equations,
     step_sizes,
     whole_gradient,
 )
@@ -105,7 +106,8 @@ def ours(problem: Problem, points: list[Point], tally: Tally) -> list[Point]:
 
         def pull_in_chart(y: Point) -> np.ndarray:
             tally.residuals += 1
-            return gradient_in_chart(x, whole_gradient(model, y, free, pull(y)))
+            _, slope = prior_equations(model, y.theta, free)
+            return gradient_in_chart(x, whole_gradient(y, slope, pull(y)))
 
         return Equations(*in_chart(x, *normal_equations(model, x, information)), pull_in_chart)
 

@@ -35,6 +35,7 @@ from bayes_inertia.physics.effects.formula import (
     driver_of,
     drivers_known,
     knows,
+    middle_of,
 )
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
@@ -108,7 +109,7 @@ def blocks(
         for name in (p for p in places if rms > 0.0 and _allowed(p, key, model)):
             place = PLACES[name]
             form = "hollow" if (name, key) == _OF_K else "full"
-            formula = Formula(name, key, form, wheel=wheel, rms=rms, middle=middle)
+            formula = Formula(name, key, form, wheel=wheel, rms=rms, middle=middle or None)
             rows = len(model.campaign.wheels) if place.rows == "wheels" else 3
             columns = _columns(response, name, place.size(model.campaign) / rms * values, rows)
             if columns.any():
@@ -140,7 +141,7 @@ def drivers(response: TorqueResponse) -> Iterator[Followed]:
         driver, middle = driver_of(key), 0.0
         if driver.inputs and values.shape[-1] == 1:
             # Counted from zero a temperature would not differ from a constant.
-            middle = float(f"{np.mean(values):.6g}")
+            middle = middle_of(values)
         driven = values - middle
         if driver.of_rate:
             driven = driven * response.rate_B

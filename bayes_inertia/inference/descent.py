@@ -35,6 +35,7 @@ from bayes_inertia.inference.objective import (
     moved,
     negative_log_posterior,
     normal_equations,
+    prior_equations,
     step_sizes,
     whole_gradient,
 )
@@ -117,7 +118,8 @@ def _to_minimum(
         hessian, gradient = in_chart(x, *normal_equations(model, x, blocks))
 
         def pull_in_chart(y: Point) -> np.ndarray:
-            return gradient_in_chart(x, whole_gradient(model, y, free, pull(y)))
+            _, slope = prior_equations(model, y.theta, free)
+            return gradient_in_chart(x, whole_gradient(y, slope, pull(y)))
 
         return Equations(hessian, gradient, pull_in_chart)
 

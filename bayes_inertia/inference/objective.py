@@ -53,22 +53,19 @@ def normal_equations(
     for s, weight in enumerate(weights):
         index = block_index(f + b, m, s)
         hessian[np.ix_(index, index)] += (weight[:, None, None] * information.matrix[s]).sum(0)
-    precision, _ = prior_equations(model, point.theta, information.free)
+    precision, slope = prior_equations(model, point.theta, information.free)
     hessian[:f, :f] += precision
     hessian[np.arange(f, size), np.arange(f, size)] += 1.0
     weighted = weights[..., None] * information.gradient
-    return hessian, whole_gradient(model, point, information.free, weighted)
+    return hessian, whole_gradient(point, slope, weighted)
 
 
-def whole_gradient(
-    model: Model, point: Point, free: np.ndarray, gradient: np.ndarray
-) -> np.ndarray:
+def whole_gradient(point: Point, slope: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Gradient (unknowns,) of the negative log posterior, priors included.
 
-    `free` (f,); `gradient` (slews, channels, p) of the data.
+    `slope` (f,) of the prior of parameters; `gradient` (slews, channels, p) of the data.
     """
-    shared = len(free) + len(point.bias)
-    _, slope = prior_equations(model, point.theta, free)
+    shared = len(slope) + len(point.bias)
     whole = np.zeros(shared + point.local.size)
     for s, of_slew in enumerate(gradient):
         whole[block_index(shared, point.n_local, s)] += of_slew.sum(0)

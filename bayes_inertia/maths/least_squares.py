@@ -18,7 +18,7 @@ from bayes_inertia.maths.numerics import NUMERICS
 
 
 class Equations[X](NamedTuple):
-    """Normal equations of half a sum of squares at a point.
+    """Normal equations of half a sum of squares, priors among them, at a point.
 
     Parameters
     ----------
@@ -27,7 +27,8 @@ class Equations[X](NamedTuple):
     gradient : (n,) array
         J^T r, r the residuals there.
     pull : callable
-        From another point to J^T r (n,), r the residuals there: it asks for no derivatives.
+        From another point y to J^T r (n,), r the residuals at y and J as above: it asks for no
+        further derivatives.
     """
 
     hessian: np.ndarray
@@ -56,12 +57,11 @@ class _Problem[X]:
         derivatives from before the step; enough once the target is reached.
         """
         linear = before.gradient + before.hessian @ step
+        solve = _damped(before.hessian, NUMERICS.correction_damping)
         for _ in range(NUMERICS.most_corrections):
             if not np.isfinite(value) or value <= target:
                 break
-            beyond = before.pull(x) - linear
-            correction = _damped_step(before.hessian, beyond, NUMERICS.correction_damping)
-            trial, reached = self.at(self.move(x, correction))
+            trial, reached = self.at(self.move(x, solve(before.pull(x) - linear)))
             left = (reached - target) / (value - target)
             if reached < value:
                 x, value = trial, reached
@@ -85,7 +85,7 @@ class _QuadraticModel:
         hessian, gradient = equations.hessian * np.outer(size, size), equations.gradient * size
         curvature = gradient @ hessian @ gradient
         length = gradient @ gradient / curvature if curvature > 0.0 else 0.0
-        newton = _damped_step(hessian, gradient, NUMERICS.least_damping)
+        newton = _damped(hessian, NUMERICS.least_damping)(gradient)
         return cls(hessian, gradient, newton, -length * gradient)
 
     def gain(self, step: np.ndarray) -> float:
@@ -125,9 +125,9 @@ def dogleg[X](
     the residuals at its end). They ask for residuals, not for derivatives.
 
     `objective`: half the sum of squares at a point; infinite or NaN where there is none.
-    `equations`: normal equations at a point. `move`: the point reached
-    from a point by a step (n,). `size` (n,): A step of each coordinate that is neither large nor
-    small. The first step is at most this. `tolerance`: of the objective. The descent ends when the
+    `equations`: normal equations at a point. `move`: the point reached from a point by a step (n,).
+    `size` (n,): A step of each coordinate that is neither large nor small. The first step is at
+    most this. `tolerance`: of the objective. The descent ends when the
     Gauss-Newton step promises less than this, or when the last steps that were taken gained less
     than a hundred times this together. `expected`: what noise alone makes of the objective. Where
     the objective is r times larger, misfit blurs the minimum as much more noise would, and steps
@@ -188,15 +188,24 @@ def _length(step: np.ndarray) -> float:
     return float(np.max(np.abs(step)))
 
 
-def _damped_step(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """The step (n,) with this damping, or the least more that keeps the matrix definite, or NaN."""
-    if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(gradient))):
-        return np.full_like(gradient, np.nan)
+def _damped(hessian: np.ndarray, damping: float) -> Callable[[np.ndarray], np.ndarray]:
+    """From a gradient (n,) to the step with this damping, or the least more that keeps the matrix
+    definite; NaN where derivatives are not finite.
+    """
+    if not np.all(np.isfinite(hessian)):
+        return lambda gradient: np.full_like(gradient, np.nan)
     scale = np.sqrt(np.diag(hessian))
     scaled = hessian / np.outer(scale, scale)
     while True:
         try:
             factor = linalg.cho_factor(scaled + damping * np.eye(len(scale)))
-            return -linalg.cho_solve(factor, gradient / scale) / scale
+            break
         except linalg.LinAlgError:  # Rounding.
             damping = max(10.0 * damping, 1e-15)
+
+    def step(gradient: np.ndarray) -> np.ndarray:
+        if not np.all(np.isfinite(gradient)):
+            return np.full_like(gradient, np.nan)
+        return -linalg.cho_solve(factor, gradient / scale) / scale
+
+    return step

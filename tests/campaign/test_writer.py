@@ -181,7 +181,7 @@ def test_inputs_that_a_folder_would_lose_are_refused(tmp_path):
     ("right", "wrong", "message"),
     [
         ('name = "temperature"', 'name = "panel temperature"', "no single word"),
-        ('name = "temperature"', 'name = "rate sensor"', "that of a device|no single word"),
+        ('name = "rate sensor"', 'name = "temperature"', "that of a device"),
         ('["temperature_1"]', '["temperature_9"]', "temperature_9"),
     ],
 )

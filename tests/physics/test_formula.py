@@ -1,15 +1,18 @@
 """Formulas: what acts, in proportion to what."""
 
 import itertools
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.effects.formula import DRIVERS, FORMS, PLACES, Formula, driver_of
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -89,6 +92,24 @@ def test_what_acts_is_the_matrix_of_coefficients_times_the_driver(form, coeffici
 )
 def test_coefficients_have_the_unit_of_what_acts_over_that_of_the_driver(formula, unit):
     assert formula.parameters(CAMPAIGN)[0].unit == unit
+
+
+def test_a_formula_given_by_name_counts_a_temperature_from_its_mean_in_the_campaign():
+    """As a diagnosis does: K would hold at zero degrees otherwise."""
+    slews = tuple(
+        replace(s, inputs={"temperature": InputStream(s.time, np.full(len(s.time), 290.0 + k))})
+        for k, s in enumerate(CAMPAIGN.slews)
+    )
+    campaign = replace(CAMPAIGN, slews=slews)
+    for driver in ("input_temperature", "rate_with_temperature"):
+        (formula,) = by_name([f"formula_rate_error_{driver}_full"])
+        readings = np.concatenate([s.inputs["temperature"].values for s in slews])
+        assert formula.in_campaign(campaign).middle == pytest.approx(readings.mean(), rel=1e-5)
+        stated = replace(formula, middle=5.0)
+        assert stated.in_campaign(campaign) is stated
+    (model_s,) = Model(campaign, (formula,)).effects
+    assert model_s.middle == formula.in_campaign(campaign).middle
+    assert Formula("body_torque", "speed").in_campaign(campaign).middle is None
 
 
 def test_a_scale_factor_that_follows_a_temperature_counts_it_from_its_middle():

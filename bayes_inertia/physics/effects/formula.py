@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import jax
@@ -273,8 +273,9 @@ class Formula(RowByRow):
         Typical size of the driver in the campaign, in its unit; None guesses it from the motion.
         The prior of C lets the disturbance be a tenth of the torque that makes the motion, or a
         hundredth of a reading.
-    middle : float, optional
-        What is taken off an input of one number; a diagnosis takes its mean in the campaign.
+    middle : float or None, optional
+        What is taken off an input of one number; None takes the mean of its readings in the
+        campaign. Counted from zero, a temperature would be a bias, and times the rate K.
     prior_scale : float, optional
         What the sds of its priors are multiplied by in a `Model`.
     device : str, optional
@@ -298,7 +299,7 @@ class Formula(RowByRow):
     column: int = 0
     wheel: int = 0
     rms: float | None = field(default=None, kw_only=True)
-    middle: float = field(default=0.0, kw_only=True)
+    middle: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         for key, table in (("place", PLACES), ("driver", DRIVERS), ("form", FORMS)):
@@ -391,6 +392,13 @@ class Formula(RowByRow):
         at = "the middle of the campaign" if self.driver == "rate_times_time" else ""
         return f"the mean of {self._driver.symbol}" if self._driver.of_rate else at
 
+    def in_campaign(self, campaign):
+        told = [(slew.inputs or {}).get(name) for slew in campaign.slews for name in self.inputs]
+        readings = [stream.values for stream in told if stream is not None and stream.width == 1]
+        if self.middle is not None or not readings:
+            return self
+        return replace(self, middle=middle_of(np.concatenate(readings)))
+
     def parameters(self, campaign):
         place, driver = PLACES[self.place], self._driver
         rows, columns = (_labels(kind, campaign) for kind in (place.rows, driver.columns))
@@ -461,7 +469,7 @@ class Formula(RowByRow):
 
     def _value(self, p, slew, t, state):
         """What acts at one instant (m,)."""
-        told = self._driver.value(slew, t, state, self.wheel) - self.middle
+        told = self._driver.value(slew, t, state, self.wheel) - (self.middle or 0.0)
         acting = self._of_driver(p["c"], told * state.rate_B if self._driver.of_rate else told)
         if self.form == "entry":
             rows = 3 if PLACES[self.place].rows != "wheels" else len(state.wheel_momentum)
@@ -509,6 +517,15 @@ class Formula(RowByRow):
     def momentum_output(self, p, slew, trajectory, momentum):
         acts = p and self.acts("momentum_output")
         return momentum + self._along(p, slew, trajectory) if acts else momentum
+
+
+def middle_of(values: np.ndarray) -> float:
+    """From where an input of one number is counted: its mean, short enough to print.
+
+    >>> middle_of(np.array([293.0, 294.0001]))
+    293.5
+    """
+    return float(f"{np.mean(values):.6g}")
 
 
 def knows(place: str, driver: str) -> bool:
