@@ -237,8 +237,10 @@ class Limits:
     steps_of_draws: int = 6
 
     # Chains and what is kept of them
-    least_warm_up_steps: int = 8
-    least_steps_between_saves: int = 8
+    # Where nearly every proposal is taken: five autocorrelation times, and one step more.
+    least_warm_up_steps: int = 6
+    # Taken at least at a time, and between saves.
+    least_further_steps: int = 8
     # This many times more draws than seem enough are taken.
     steps_margin: float = 1.1
     # Rows of a batch, of the slews evaluated at once, whose trajectories fit the processor's cache.

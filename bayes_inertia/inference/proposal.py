@@ -174,14 +174,14 @@ def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 def _short_sample(
     log_density: LogDensity,
-    starts: np.ndarray,
+    starts: emcee.State,
     random: np.random.RandomState,
     steps: int,
     **kept: int,
 ) -> np.ndarray:
     """Draws (n, d) of a short ensemble; `kept`: what emcee discards and how it thins."""
     sampler: Any = emcee.EnsembleSampler(
-        *starts.shape, log_density, vectorize=True, moves=emcee.moves.DEMove()
+        *starts.coords.shape, log_density, vectorize=True, moves=emcee.moves.DEMove()
     )
     sampler.random_state = random.get_state()
     sampler.run_mcmc(starts, steps)
@@ -202,7 +202,7 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
     starts = random.multivariate_normal(begin, inverse(curvature_of(evidence)), walkers)
     explored = _short_sample(
         lambda standardised: evidence.given(standardised).log_evidence,
-        starts,
+        emcee.State(starts),
         random,
         LIMITS.size_steps,
         discard=LIMITS.size_warm_up,
@@ -350,7 +350,7 @@ def find_proposal(
         starts = finite_starts(move, log_density, random, n)
         steps, warm_up = LIMITS.pilot_steps, LIMITS.pilot_warm_up
         kept = _short_sample(log_density, starts, random, steps, discard=warm_up)
-        spent += (steps + 1) * len(starts)
+        spent += (steps + 1) * n
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
     return best, float(np.clip(reached, LIMITS.least_share, LIMITS.largest_share)), spent
 
@@ -387,17 +387,19 @@ def _expected_acceptance(log_weights: np.ndarray, log_ratios: np.ndarray) -> flo
 
 def finite_starts(
     move: Proposal, log_density: LogDensity, random: np.random.RandomState, n: int
-) -> np.ndarray:
-    """Over-dispersed points with finite density (emcee accepts others without a word).
-
-    Returns (n, d).
+) -> emcee.State:
+    """Over-dispersed points (n, d) with their log densities, all finite (emcee accepts others
+    without a word).
     """
-    kept: list[np.ndarray] = []
+    points, densities = list[np.ndarray](), list[float]()
     for _ in range(LIMITS.most_draws):
         drawn = move.draw(random, n, stretch=LIMITS.over_dispersion)
-        kept.extend(drawn[np.isfinite(log_density(drawn))])
-        if len(kept) >= n:
-            return np.array(kept[:n])
+        found = log_density(drawn)
+        finite = np.isfinite(found)
+        points.extend(drawn[finite])
+        densities.extend(found[finite])
+        if len(points) >= n:
+            return emcee.State(np.array(points[:n]), log_prob=np.array(densities[:n]))
     raise EstimateError(
         "the posterior is not finite around its maximum",
         advice="check priors, and that every wheel and rate axis moves",

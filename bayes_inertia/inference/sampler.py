@@ -226,7 +226,7 @@ def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
     wanted = diagnostics.discarded + LIMITS.steps_margin * draws * times
     # Of chains that do not move nothing can be foreseen.
     wanted = wanted if np.isfinite(wanted) else np.inf
-    most = int(np.clip(np.ceil(wanted), steps + LIMITS.least_warm_up_steps, 2 * steps))
+    most = int(np.clip(np.ceil(wanted), steps + LIMITS.least_further_steps, 2 * steps))
     return min(most, settings.max_steps)
 
 
@@ -253,7 +253,8 @@ def _ensemble(
         sampler._previous_state = sampler.get_last_sample()
         return sampler
     starts = finite_starts(proposal, log_density, random, walkers)
-    sampler._previous_state = emcee.State(starts, random_state=random.get_state())
+    starts.random_state = random.get_state()
+    sampler._previous_state = starts
     return sampler
 
 
@@ -302,7 +303,7 @@ def _is_saved_after(steps: int) -> bool:
     """Whether a chain of so many steps is written: its file is replaced whole, so that a long chain
     waits for a sixteenth of its length.
     """
-    return steps % max(LIMITS.least_steps_between_saves, 2 ** (steps.bit_length() - 5)) == 0
+    return steps % max(LIMITS.least_further_steps, 2 ** (steps.bit_length() - 5)) == 0
 
 
 def _collect(

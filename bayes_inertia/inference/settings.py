@@ -71,7 +71,7 @@ class Settings:
     seed: int = 0
     ensembles: int = 4
     walkers: int = 64
-    steps: int = 32
+    steps: int = 28
     max_steps: int = 2304
     target_ess: float = 5_000.0
     threads: int = 2

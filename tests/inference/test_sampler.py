@@ -13,6 +13,7 @@ from jax import monitoring
 from support.chains import SHORT, D, _chain
 
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.inference import sampler
 from bayes_inertia.inference.gates import Diagnostics
 from bayes_inertia.inference.likelihood import _plain_residuals, _plain_sensitivities
 from bayes_inertia.inference.marginal_posterior import _pulls
@@ -42,6 +43,23 @@ def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_doe
     other = sample(small_at, replace(SHORT, seed=4, threads=1))
     assert not np.any(other.samples == first.samples)
     assert not np.any(first.samples[0] == first.samples[1])  # nor do ensembles share random numbers
+
+
+def test_the_density_is_evaluated_as_often_as_the_diagnostics_say(small_at, monkeypatch):
+    counted, density_at = [0], sampler.log_density_at
+
+    def counting(estimate, most):
+        density = density_at(estimate, most=most)
+
+        def at(thetas):
+            counted[0] += len(thetas)
+            return density(thetas)
+
+        return at
+
+    monkeypatch.setattr(sampler, "log_density_at", counting)
+    chains = sample(small_at, replace(SHORT, threads=1))
+    assert counted[0] == chains.diagnostics.evaluations
 
 
 @pytest.mark.slow
@@ -143,7 +161,7 @@ def test_programs_of_one_slew_serve_campaigns_of_any_number(flying, setup_type, 
         ("walkers", 0, "2 or more"),
         ("steps", 0, "4 or more"),
         ("steps", True, "4 or more"),
-        ("max_steps", 31, "lower steps"),
+        ("max_steps", 27, "lower steps"),
         ("target_ess", 0.0, "above 0"),
         ("target_ess", float("nan"), "above 0"),
         ("threads", 0, "1 or more"),
