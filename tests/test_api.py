@@ -88,6 +88,10 @@ def test_no_public_name_hides_a_module():
     assert not modules & set(bi.__all__)
 
 
+def test_what_completes_after_a_dot_is_public():
+    assert {name for name in dir(bi) if not name.startswith("__")} == PUBLIC
+
+
 def test_importing_does_not_load_plots_or_arviz():
     code = (
         "import sys, bayes_inertia\n"

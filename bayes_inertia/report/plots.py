@@ -409,6 +409,7 @@ def plot_history(history: History, name: str | int = 0, *, ax: Axes | None = Non
     """
     assert ax is not None
     history_panel(ax, history, _index(history.names, name, "name"))
+    ax.legend()
     return ax
 
 
@@ -434,4 +435,5 @@ def plot_fleet(fleet: Fleet, name: str | int = 0, *, ax: Axes | None = None) -> 
     assert ax is not None
     order = fleet_panel(ax, fleet, _index(fleet.names, name, "name"))
     named_ticks(ax, [fleet.spacecraft[k] for k in order])
+    ax.legend()
     return ax

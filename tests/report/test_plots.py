@@ -121,6 +121,18 @@ def test_a_history_and_a_fleet_of_fits_are_drawn_as_their_pages_do(series):
             np.testing.assert_array_equal(own.get_xydata(), line.get_xydata())
 
 
+def test_what_a_history_and_a_fleet_draw_is_said_beside_it(series):
+    history, fleet = series
+    said = [
+        {text.get_text() for text in axes.get_legend().get_texts()}
+        for axes in (bi.plot_history(history, "Jzz"), bi.plot_fleet(fleet, "Jzz"))
+    ]
+    assert said == [
+        {"90 % interval", "all campaigns together", "each alone ± sd"},
+        {"spread between spacecraft", "mean of the fleet", "alone ± sd", "with its sisters ± sd"},
+    ]
+
+
 def test_names_of_users_are_no_formulas(posteriors):
     fits = [posteriors["good"], Posterior(posteriors["good"].tree.copy(deep=True))]
     crafts = dict(zip((r"a $\foo$", "$x_1$"), fits, strict=True))

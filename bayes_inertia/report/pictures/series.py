@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,12 +37,18 @@ def history_panel(axes: Axes, history: History, k: int) -> None:
     size = 10.0**power
     mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
     reach = LAYOUT.sds_of_90_percent * sd
-    axes.fill_between(x, mean - reach, mean + reach, color=style.SKY, alpha=0.35, lw=0)
-    axes.plot(x, mean, color=style.BLUE)
+    band: dict[str, Any] = {"color": style.SKY, "alpha": 0.35, "lw": 0, "label": "90 % interval"}
+    axes.fill_between(x, mean - reach, mean + reach, **band)
+    axes.plot(x, mean, color=style.BLUE, label="all campaigns together")
     alone, sd = (history.alone[:, k] - center) / size, history.alone_sd[:, k] / size
-    axes.errorbar(
-        x, alone, sd, fmt="o", ms=3.5, color=style.INK, ecolor=style.MUTED, elinewidth=0.8
-    )
+    dots: dict[str, Any] = {
+        "fmt": "o",
+        "ms": 3.5,
+        "color": style.INK,
+        "ecolor": style.MUTED,
+        "elinewidth": 0.8,
+    }
+    axes.errorbar(x, alone, sd, **dots, label="each alone ± sd")
     for jump in history.jumps:
         of_part = range(history.mean.shape[1])[OF_PART[jump.part]]
         if jump.probability > LAYOUT.possible_change and k in of_part:
@@ -76,14 +83,27 @@ def fleet_panel(axes: Axes, fleet: Fleet, k: int) -> np.ndarray:
     center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
     size = 10.0**power
     mean, spread = (fleet.mean[k] - center) / size, fleet.spread[k] / size
-    axes.axhspan(mean - spread, mean + spread, color=style.SKY, alpha=0.3, lw=0)
-    axes.axhline(mean, color=style.BLUE, lw=0.8)
-    for shift, values, sds, color, marker in (
-        (-0.15, fleet.alone, fleet.alone_sd, style.MUTED, "s"),
-        (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o"),
+    band: dict[str, Any] = {
+        "color": style.SKY,
+        "alpha": 0.3,
+        "lw": 0,
+        "label": "spread between spacecraft",
+    }
+    axes.axhspan(mean - spread, mean + spread, **band)
+    axes.axhline(mean, color=style.BLUE, lw=0.8, label="mean of the fleet")
+    for shift, values, sds, color, marker, label in (
+        (-0.15, fleet.alone, fleet.alone_sd, style.MUTED, "s", "alone ± sd"),
+        (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o", "with its sisters ± sd"),
     ):
         value, sd = (values[order, k] - center) / size, sds[order, k] / size
-        axes.errorbar(x + shift, value, sd, fmt=marker, ms=3.0, color=color, elinewidth=0.8)
+        dots: dict[str, Any] = {
+            "fmt": marker,
+            "ms": 3.0,
+            "color": color,
+            "elinewidth": 0.8,
+            "label": label,
+        }
+        axes.errorbar(x + shift, value, sd, **dots)
     low, high = axes.get_ylim()
     reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
     axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
