@@ -139,6 +139,8 @@ def drivers(response: TorqueResponse) -> Iterator[Followed]:
     )
     for (key, wheel), values in zip(asked, _along(response, asked), strict=True):
         driver, middle = driver_of(key), 0.0
+        if driver.inputs and np.ptp(values, (0, 1)).max() <= LIMITS.stuck * np.abs(values).max():
+            continue
         if driver.inputs and values.shape[-1] == 1:
             # Counted from zero a temperature would not differ from a constant.
             middle = middle_of(values)

@@ -12,7 +12,7 @@ from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis import formulas
-from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
+from bayes_inertia.diagnosis.formulas import blocks, drivers, projected, search_formulas, weighed
 from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.search import diagnose
@@ -47,6 +47,7 @@ def heated(slew):
     degrees = 293.0 + 3.0 * np.sin(0.1 * slew.time + k) + k
     sun = np.roll([[0.8, -0.5, 0.33]], k, axis=1)
     inputs = {"temperature": InputStream(slew.time, degrees, "line")}
+    inputs["stuck"] = InputStream(slew.time[:1], np.array([[293.1234567]]))
     return replace(slew, inputs=inputs | {"sun": InputStream(slew.time[:1], sun)})
 
 
@@ -54,6 +55,12 @@ def heated(slew):
 def fit():
     campaign = small_campaign()
     return estimate(Model(replace(campaign, slews=tuple(map(heated, campaign.slews)))), starts=1)
+
+
+def test_a_stuck_input_is_followed_by_nothing(fit):
+    keys = [followed.key for followed in drivers(torque_response(fit))]
+    assert {"rate_with_temperature", "vector_sun", "inertial_sun"} <= set(keys)
+    assert not [key for key in keys if "stuck" in key]
 
 
 @pytest.fixture(scope="module")
