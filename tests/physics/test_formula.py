@@ -115,6 +115,8 @@ def test_a_formula_given_by_name_counts_a_temperature_from_its_mean_in_the_campa
 def test_a_scale_factor_that_follows_a_temperature_counts_it_from_its_middle():
     formula = Formula("rate_error", "rate_with_temperature", "diagonal", middle=293.0)
     assert formula.text == "rate error = diag(c) (temperature − 293) ω"
+    # A name tells no number, but from where it counts.
+    assert Formula.of_name(formula.name).text == "rate error = diag(c) (temperature − mean) ω"
     assert formula.K_holds == "the mean of temperature"
     assert Formula("rate_error", "rate_times_time").K_holds == "the middle of the campaign"
     assert Formula("body_torque", "rate_times_time").K_holds == ""

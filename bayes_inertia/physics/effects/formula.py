@@ -368,7 +368,9 @@ class Formula(RowByRow):
         """The formula as it is printed."""
         place, driver = PLACES[self.place], self._driver
         symbol = driver.symbol.replace("{w}", str(self.wheel + 1))
-        symbol = f"({symbol} − {self.middle:g})" if self.middle else symbol
+        if driver.inputs and (driver.columns == "one" or driver.of_rate) and self.middle != 0.0:
+            middle = "mean" if self.middle is None else f"{self.middle:g}"
+            symbol = f"({symbol} − {middle})"
         symbol += " ω" if driver.of_rate else ""
         right = {
             "full": f"C {symbol}" if driver.columns != "one" else f"c {symbol}",
