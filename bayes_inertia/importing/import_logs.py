@@ -122,21 +122,20 @@ def import_logs(
     _require_noises(parsed, noises, label)
     say("writing the campaign", 0, 0)
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
-    slews = [imported_folder.slew_tables(w, written.streams, parsed) for w in cut.windows]
+    slews = imported_folder.tables_of_slews(cut.windows, written.streams, parsed)
     tables = imported_folder.tables_of(parsed, slews)
     description = imported_folder.description_text(parsed, slews, noises, logs)
     zero = imported_folder.zero_of_clock(logs) if logs.absolute else "the zero of the logs"
-    content = {} if cut.scan is None else {imported_folder.PICTURE_FILE: cut_picture(cut, zero)}
-    content[mapped_lines.RECORD_FILE] = imported_folder.record_text(
-        paths, (mapping.name, data), logs, cut, noises
-    )
+    picture = {} if cut.scan is None else {imported_folder.PICTURE_FILE: cut_picture(cut, zero)}
+    record = imported_folder.record_text(paths, (mapping.name, data), logs, cut, noises)
+    beside = picture | {mapped_lines.RECORD_FILE: record}
     campaign = _read_back(description, label, tables, parsed, slews)
     if parsed.reduce == "block_means":
         description, tables, campaign = reduced_content(description, tables, campaign)
     *tables_first, last = files_of(description, tables).items()
-    beside = [(name, text.encode("utf-8")) for name, text in content.items()]
+    encoded = [(name, text.encode("utf-8")) for name, text in beside.items()]
     # The description comes last: an interrupted import leaves no campaign.
-    target = write_new_files(folder, dict([*tables_first, *beside, last]), holds="campaign")
+    target = write_new_files(folder, dict([*tables_first, *encoded, last]), holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
 
 
@@ -228,26 +227,22 @@ def _refuse_outside(
     in_force = stream.holds == "wheel_torque" and count == 1 and stream.time[0] < spans[-1][1]
     if nearest == 0.0 or in_force:
         return
-    known, clock = known_offset([(stream.time, spans)]), None
-    if known is None:
-        clock = known_offset([(stream.time, spans)], _other_clocks(stream, mapping, logs))
+    at = [(stream.time, spans)]
+    known = known_offset(at)
+    clock = known or known_offset(at, _other_clocks(stream, mapping, logs))
     stated = streams_that_hold(mapping, stream.holds)[0].offset_s
     size = nearest if known is None else abs(known[0])
-    if clock is not None:
+    if known is not None:
+        seconds, why, inside = known
+        advice = f"write offset_s = {stated + seconds:.9g} ({why}), which puts {inside} in a slew; "
+        advice += "or leave the stream out"
+    elif clock is not None:
         _, why, inside = clock
         advice = f"{why} may be meant: it puts {inside} in a slew; or leave the stream out"
-    elif known is None:
-        first = spans[0][0] - float(stream.time[0])
-        advice = (
-            f"its first reading and the first slew are {abs(first):.6g} s apart: state the offset "
-            "of its clock, correct time.kind or time.epoch, or leave the stream out"
-        )
     else:
-        seconds, why, inside = known
-        advice = (
-            f"write offset_s = {stated + seconds:.9g} ({why}), which puts {inside} in a slew; or "
-            "leave the stream out"
-        )
+        first = spans[0][0] - float(stream.time[0])
+        advice = f"its first reading and the first slew are {abs(first):.6g} s apart: state the "
+        advice += "offset of its clock, correct time.kind or time.epoch, or leave the stream out"
     readings, lie = (f"all {count} readings", "lie") if count > 1 else ("the only reading", "lies")
     what = f"{readings} of {_names(stream)} {lie} outside every slew, by {size:.6g} s"
     raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
@@ -284,15 +279,13 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
     return [f"{said}; {there} lie in a slew with {seconds:+.9g} s in {key} ({why})"]
 
 
-_OF_TRACKER = ("sigma_cross", "sigma_roll")
-
-
 def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: str) -> None:
     """Refuse a sensor without a stated noise, and quote what the rests show."""
     stated: dict[str, object] = {"rate_sensor.sigma": mapping.rate_sensor.sigma}
     tracker = mapping.star_tracker
     if tracker is not None:
-        stated |= {f"star_tracker.{key}": getattr(tracker, key) for key in _OF_TRACKER}
+        keys = ("sigma_cross", "sigma_roll")
+        stated |= {f"star_tracker.{key}": getattr(tracker, key) for key in keys}
     seen = {noise.key: noise for noise in noises}
     missing = [key for key, value in stated.items() if value is None]
     if not missing:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from bayes_inertia.importing.mapping_schema import (
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
 from bayes_inertia.importing.unit_factors import unit_factor
+from bayes_inertia.maths.values import picked
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.stamp_parts import tai_to_utc
 from bayes_inertia.tables.table import Table
@@ -112,10 +113,19 @@ class SlewTables:
     start: float  # Time of its first reading on the clock of the import [s]
     # Readings of the slew with times from its start, by what they hold
     streams: dict[str, LoggedStream]
+    files: dict[str, str]  # Names of their tables
 
 
-def slew_tables(
-    window: SlewWindow, streams: dict[str, LoggedStream], mapping: MappingPart
+def tables_of_slews(
+    windows: Sequence[SlewWindow], streams: dict[str, LoggedStream], mapping: MappingPart
+) -> list[SlewTables]:
+    """The readings of all slews."""
+    named = zip(windows, numbered(len(windows), "slew_{}"), strict=True)
+    return [_slew_tables(window, name, streams, mapping) for window, name in named]
+
+
+def _slew_tables(
+    window: SlewWindow, name: str, streams: dict[str, LoggedStream], mapping: MappingPart
 ) -> SlewTables:
     """The readings of one slew from its start on, with the command in force when it begins."""
     inside = {key: stream.between(window.start, window.end) for key, stream in streams.items()}
@@ -131,7 +141,9 @@ def slew_tables(
         for key, stream in inside.items()
         if len(stream.time)
     }
-    return SlewTables(window, start, from_start)
+    of_kinds = ((key, kind.suffix) for key, kind in STREAM_TYPES.items() if key in from_start)
+    files = {key: f"{name}_{suffix}.csv" for key, suffix in of_kinds}
+    return SlewTables(window, start, from_start, files)
 
 
 def _is_regular(mapping: MappingPart, key: str) -> bool:
@@ -191,10 +203,7 @@ def description_text(
             "rate_sensor": mapping.rate_sensor.model_dump() | {"axes": rate_sensor_axes(mapping)},
             "star_tracker": None if tracker is None else tracker.model_dump(),
             "columns": _columns(mapping, slews),
-            "slews": [
-                _slew(tables, files)
-                for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
-            ],
+            "slews": [_slew(tables) for tables in slews],
         },
         f"Written by bayes-inertia import; {RECORD_FILE} says from what.",
         {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises},
@@ -212,11 +221,11 @@ def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Any
     return entries
 
 
-def _slew(tables: SlewTables, files: Mapping[str, str]) -> dict[str, Any]:
+def _slew(tables: SlewTables) -> dict[str, Any]:
     window = tables.window
     return {
         "name": window.name,
-        "files": dict(files),
+        "files": tables.files,
         "start": round(tables.start, 9),
         "axis": window.axis,
         # 15 digits return the degrees that were stated.
@@ -224,23 +233,11 @@ def _slew(tables: SlewTables, files: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[str, str]]:
-    """For each slew the name of the table of each stream."""
-    return [
-        {
-            key: f"{slew}_{kind.suffix}.csv"
-            for key, kind in STREAM_TYPES.items()
-            if key in tables.streams
-        }
-        for slew, tables in zip(numbered(len(slews), "slew_{}"), slews, strict=True)
-    ]
-
-
 def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Table]:
     """The tables of all slews, by file."""
     written, made = written_columns(mapping), {}
-    for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
-        for key, file in files.items():
+    for tables in slews:
+        for key, file in tables.files.items():
             stream = tables.streams[key]
             cells = written[key].cells(stream.values).T
             columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
@@ -251,8 +248,8 @@ def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Ta
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
     """A place in a table as one in the raw logs: "wheels.csv, column RW3, in slew 1 at 12.5 s"."""
     file = where.partition(", ")[0]
-    for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
-        for key in (key for key, name in files.items() if name == file):
+    for tables in slews:
+        for key in (key for key, name in tables.files.items() if name == file):
             stream, written = tables.streams[key], written_columns(mapping)[key]
             line = re.search(r"line (\d+)", where)
             # The first line holds the names.
@@ -332,22 +329,13 @@ def zero_of_clock(logs: Logs) -> str:
     return f"{whole}.{part}".rstrip("0").rstrip(".") + "Z"
 
 
-def _window(window: Any) -> dict[str, Any]:
-    return {
-        "name": window.name,
-        "start": window.start,
-        "end": window.end,
-        "motion": None if window.motion is None else list(window.motion),
-        "fixes": None if window.fixes is None else list(window.fixes),
-        "turned_deg": None if window.turned is None else float(np.degrees(window.turned)),
-    }
+def _window(window: SlewWindow) -> dict[str, Any]:
+    turned = None if window.turned is None else float(np.degrees(window.turned))
+    return picked(window, "name", "start", "end", "motion", "fixes") | {"turned_deg": turned}
 
 
 def _noise(noise: RestNoise) -> dict[str, Any]:
-    return {
-        "key": noise.key,
-        "unit": noise.unit,
-        "stated": None if noise.stated is None else list(noise.stated),
+    return picked(noise, "key", "unit", "stated") | {
         "white_per_sample": [fit.white for fit in noise.fits],
         "relative_error": [fit.white_error for fit in noise.fits],
         "random_walk_per_sample": [fit.random_walk for fit in noise.fits],
