@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.files import vocabulary
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.importing.questions import UNKNOWN
 from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
 from bayes_inertia.tables.table import Column, Table
@@ -39,7 +39,6 @@ class ColumnFamily:
     stated_unit: str = ""  # The unit that the file states; "" if none
     form: str = ""  # Of attitudes: "quaternion", "euler", "dcm" or "mrp"
     scalar: str = ""  # Of quaternions: "first" or "last", where the names say it
-    sequence: str = ""  # Of Euler angles: the sequence, where it is usual for the names
 
 
 def families(table: Table, file: str) -> list[ColumnFamily]:
@@ -51,8 +50,9 @@ def families(table: Table, file: str) -> list[ColumnFamily]:
     result: list[ColumnFamily] = []
     for find in (_matrices, _quaternions, _vectors, _single_wheels):
         for family in find({n: c for n, c in numbers.items() if n not in taken}, file):
-            result.append(family)
-            taken |= set(family.names)
+            if not taken & set(family.names):
+                result.append(family)
+                taken |= set(family.names)
     order = list(table.columns)
     return sorted(result, key=lambda family: order.index(family.names[0]))
 
@@ -81,43 +81,30 @@ def _groups(
     ]
 
 
-def _matrices(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
+def _matrices(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
     """Direction cosine matrices: nine columns with two indices."""
     indexed: dict[str, dict[str, str]] = {}
     for name in columns:
         match = re.fullmatch(r"(.*?)_?\[?([0-3])[_,\]\[]*([0-3])\]?", name)
         if match:
             indexed.setdefault(match[1], {})[match[2] + match[3]] = name
-    return [
-        ColumnFamily("attitude", tuple(found[key] for key in sorted(found)), form="dcm")
-        for found in indexed.values()
-        if sorted(found)
-        in (
-            [f"{i}{j}" for i in "123" for j in "123"],
-            [f"{i}{j}" for i in "012" for j in "012"],
-        )
-    ]
+    for found in indexed.values():
+        keys = sorted(found)
+        if keys in ([f"{i}{j}" for i in indices for j in indices] for indices in ("123", "012")):
+            yield ColumnFamily("attitude", tuple(found[key] for key in keys), form="dcm")
 
 
-def _quaternions(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
-    result = []
-    taken: set[str] = set()
+def _quaternions(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
     for members, scalar in _WORDS["quaternions"]:
         for template, names, _ in _groups(columns, members):
             word = re.sub(r"[./]0$", "", template.partition("*")[0]).strip("_ [./")
             is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|orientation|beta)[a-z_]*", word)
-            other = _OTHER.fullmatch(word) or taken & set(names)
-            if len(names) == 4 and is_quaternion and not other:
-                result.append(
-                    ColumnFamily("attitude", tuple(names), form="quaternion", scalar=scalar)
-                )
-                taken |= set(names)
-    return result
+            if len(names) == 4 and is_quaternion and not _OTHER.fullmatch(word):
+                yield ColumnFamily("attitude", tuple(names), form="quaternion", scalar=scalar)
 
 
-def _vectors(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
+def _vectors(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
     """Three columns a vector, or one a wheel."""
-    result: list[ColumnFamily] = []
     taken: set[str] = set()
     candidates = [
         (members, *group) for members in _WORDS["members"] for group in _groups(columns, members)
@@ -127,19 +114,18 @@ def _vectors(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
         names = [name for name in names if name not in taken]
         family = _vector(template, names, unit, columns, file, members)
         if family is not None:
-            result.append(family)
+            yield family
             taken |= set(names)
-    return result
 
 
-def _single_wheels(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
+def _single_wheels(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
     """Columns of a single wheel."""
-    result: list[ColumnFamily] = []
+    seen: set[str] = set()
     for name, (stem, unit) in _stems(columns).items():
         family = _vector(stem, [name], unit, columns, file, ("",))
-        if family is not None and family.holds not in {other.holds for other in result}:
-            result.append(family)
-    return result
+        if family is not None and family.holds not in seen:
+            yield family
+            seen.add(family.holds)
 
 
 def _vector(
@@ -156,16 +142,13 @@ def _vector(
     if _OTHER.fullmatch(text):
         return None
     if members[0] in ("roll", "phi") and len(names) == 3 and not _SETPOINT.fullmatch(file.lower()):
-        # Yaw first is the usual sequence; the question stays open.
-        angles = tuple(reversed(names))
-        return ColumnFamily("attitude", angles, unit, stated, form="euler", sequence="zyx")
+        # Yaw first is the usual sequence.
+        return ColumnFamily("attitude", tuple(reversed(names)), unit, stated, form="euler")
     if "sigma" in text and len(names) == 3 and not unit:
         return ColumnFamily("attitude", tuple(names), form="mrp")
     squeezed = re.sub(r"[^a-z0-9]", "", f"{unit or stated}".lower())
     holds = _kind(text, squeezed, file.lower(), members)
-    if holds is None or len(names) < (1 if holds.startswith("wheel") else 3):
-        return None
-    if not holds.startswith("wheel") and len(names) != 3:
+    if holds is None or not names or (not holds.startswith("wheel") and len(names) != 3):
         return None
     return ColumnFamily(holds, tuple(names), unit, stated)
 
@@ -193,13 +176,7 @@ def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None
     return None
 
 
-_CLOCKS: Mapping[str, str] = {
-    "gps": "gps",
-    "tai": "tai",
-    "unix": "unix",
-    "posix": "unix",
-    "epoch": "unix",
-}
+_CLOCKS = by_word({"gps": "gps", "tai": "tai", "unix": "unix posix epoch"})
 _TIME_OF_DAY = re.compile(r"\d{1,2}:\d{2}(:[\d.,]+)?")
 _ZONE = re.compile(r"(Z|UTC|:[\d.]+\s*[+-]\d{2}:?\d{2})$")
 # Logs of spacecraft are from these years.
@@ -264,15 +241,12 @@ def _of_numbers(column: Column, words: Sequence[str]) -> ClockGuess:
     """The clock of a column of counts."""
     numbers = column.values.astype(float)
     numbers = numbers[np.isfinite(numbers)]
-    unit = UNIT_WORDS.get(column.unit.lower().strip(), "")
-    stated = bool(unit)
-    if not unit and len(words) > 1:
-        unit = UNIT_WORDS.get(words[-1], "")
+    stated = UNIT_WORDS.get(column.unit.lower().strip(), "")
+    unit = stated or (UNIT_WORDS.get(words[-1], "") if len(words) > 1 else "")
     dates = _dates(numbers, unit)
     for day in ("mjd", "jd"):
-        scales = [scale for scale in ("utc", "tai", "tt") if scale in words]
         if day in words:
-            named = [f"{day}_{scale}" for scale in scales]
+            named = [f"{day}_{scale}" for scale in ("utc", "tai", "tt") if scale in words]
             kind = named[0] if len(named) == 1 else UNKNOWN
             return ClockGuess(kind, "from the name of the column" if named else "")
     clocks = {_CLOCKS[word] for word in words if word in _CLOCKS}
@@ -283,9 +257,8 @@ def _of_numbers(column: Column, words: Sequence[str]) -> ClockGuess:
         listed = ", ".join(f"{date} as {kind}" for kind, date in dates.items())
         return ClockGuess(UNKNOWN, hint=f"The first row is {listed}.")
     if unit in FREE_CLOCKS:
-        return ClockGuess(
-            unit, "the file states the unit" if stated else "from the name of the column"
-        )
+        why = "the file states the unit" if stated else "from the name of the column"
+        return ClockGuess(unit, why)
     return ClockGuess(UNKNOWN)
 
 
@@ -293,11 +266,10 @@ def _dates(numbers: np.ndarray, unit: str) -> dict[str, str]:
     """The kinds by which the first stamp is a date of spaceflight, and that date in UTC."""
     if not len(numbers):
         return {}
-    dates = {}
-    for kind in COUNTED_CLOCKS:
-        if unit and kind.rpartition("_")[2] != unit:
-            continue
-        date = dates_of(float(numbers[0]), kind)
-        if date is not None and _FIRST < date < _LAST:
-            dates[kind] = f"{date.astype('datetime64[s]')}Z"
-    return dates
+    kinds = [kind for kind in COUNTED_CLOCKS if unit in ("", kind.rpartition("_")[2])]
+    dates = ((kind, dates_of(float(numbers[0]), kind)) for kind in kinds)
+    return {
+        kind: f"{date.astype('datetime64[s]')}Z"
+        for kind, date in dates
+        if date is not None and _FIRST < date < _LAST
+    }

@@ -75,29 +75,19 @@ def _stream(group: FileGroup, family: ColumnFamily, *, commented: bool) -> dict[
             unit = family.unit or unit or UNKNOWN
             entries.append(("unit", unit, why or _FROM_NAMES, hint))
     return {
-        "holds": holds,
+        "group": group,
+        "family": family,
         "why": "the file says so" if stated else "a guess from the names",
         "files": _pattern(group.files),
-        "table": group.table_name,
         "time": _time(group),
         "entries": entries,
-        "stated_unit": family.stated_unit,
         "sense": sense,
         "senses": says.get(sense, (UNKNOWN, "")),
         "stated": stated,
         "told": ", ".join(f"{key} = {mapping_value(v)}" for key, v in stated.items() if v),
-        "packet": group.packet,
-        "flag": flags[0] if flags else "",
+        "flag": next(iter(flags), ""),
         "commented": commented,
     }
-
-
-def counts_from_zero(group: FileGroup) -> bool:
-    """Whether the stamps count from a zero of their own; not where file or stamps say the date."""
-    table = group.table
-    if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
-        return False
-    return _guessed_clock(group, time_names(table)).kind in FREE_CLOCKS
 
 
 def _pattern(files: Sequence[Path]) -> list[str]:
@@ -113,8 +103,9 @@ def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
     return notation_of(family.holds, f"{stem}/{name}" if "vehicle_" in stem else name)
 
 
-def _guessed_clock(group: FileGroup, names: Sequence[str]) -> ClockGuess:
+def _guessed_clock(group: FileGroup) -> ClockGuess:
     """The clock that the stamps show, or that the notation of the columns and the file says."""
+    names = time_names(group.table)
     guess = guessed_clock(group.table, names)
     columns = " ".join([*group.table.columns, f"{group.files[0].stem}/{' '.join(names)}"])
     says = notation_of("time", columns)
@@ -131,16 +122,11 @@ def _range(table: Table, names: Sequence[str]) -> str:
 
 
 def _attitude(
-    table: Table,
-    family: ColumnFamily,
-    says: dict[str, tuple[str, str]],
-    stated: dict[str, Any],
+    table: Table, family: ColumnFamily, says: dict[str, tuple[str, str]], stated: dict[str, Any]
 ) -> list[tuple[str, Any, str, str]]:
     """Form, columns and sense of attitudes; what the file states is left out."""
-    values: dict[str, tuple[Any, str]] = {
-        "form": (family.form, ""),
-        "names": (list(family.names), ""),
-    }
+    values: dict[str, tuple[Any, str]]
+    values = {"form": (family.form, ""), "names": (list(family.names), "")}
     if family.form == "quaternion":
         scalar = (family.scalar or UNKNOWN, _FROM_NAMES)
         values["scalar"] = scalar if family.scalar else says.get("scalar", scalar)
@@ -169,17 +155,16 @@ def _time(group: FileGroup) -> str:
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"
     names = time_names(table)
-    guess = _guessed_clock(group, names)
+    guess = _guessed_clock(group)
     entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
     units = stamp_units(table, names)
     if len(names) > 1 and set(units) != {"date"}:
         entry["units"] = [unit or UNKNOWN for unit in units]
+    asked = [key for key, value in entry.items() if value == UNKNOWN]
+    hints = {"kind": guess.hint}
     questions = [
-        mapping_comment(
-            f"{key}: {question_at(('streams', 'time', key))} {guess.hint if key == 'kind' else ''}"
-        )
-        for key, value in entry.items()
-        if value == UNKNOWN
+        mapping_comment(f"{key}: {question_at(('streams', 'time', key))} {hints.get(key, '')}")
+        for key in asked
     ]
     line = f"time = {mapping_value(entry)}"
     return "\n".join([*questions, f"{line}  # {guess.why}" if guess.why else line])
@@ -238,7 +223,8 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
         held[family.holds] = None
     of_wheels = [f.names for _, f in streams if STREAM_TYPES[f.holds].of_wheels()]
     epoch = ""
-    if any(counts_from_zero(group) for group, _ in streams):
+    # Not where file or stamps say the date.
+    if any(_guessed_clock(group).kind in FREE_CLOCKS for group, _ in streams):
         epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN
     left_over = _left_over(groups, streams)
     text = _template().render(
@@ -262,10 +248,7 @@ def _template() -> Any:
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     words = {"entry": mapping_entry, "comment": mapping_comment, "value": mapping_value}
     source = Path(__file__).with_suffix(".toml.jinja").read_text(encoding="utf-8")
@@ -280,10 +263,8 @@ def _groups(files: Sequence[Path]) -> list[FileGroup]:
             for packet, table in _packets(read_raw(path, table=name)).items():
                 stem = re.sub(r"\d+", "", path.stem)
                 key = (name, packet, path.suffix, tuple(table.columns), stem)
-                before = groups.get(key)
-                group = (path,) if before is None else (*before.files, path)
-                shown = table if before is None else before.table
-                groups[key] = FileGroup(group, name, shown, packet)
+                group = groups.setdefault(key, FileGroup((), name, table, packet))
+                groups[key] = replace(group, files=(*group.files, path))
     return list(groups.values())
 
 
@@ -291,10 +272,8 @@ def _packets(table: Table) -> dict[tuple[str, str | int] | None, Table]:
     """The rows of each packet where a column says which, with the columns that it fills."""
     for name, column in table.columns.items():
         values, counts = np.unique(column.values, return_counts=True)
-        if (
-            _PACKET.fullmatch(name.lower())
-            and 1 < len(values) <= LIMITS.most_packets < counts.sum()
-        ):
+        several = 1 < len(values) <= LIMITS.most_packets < counts.sum()
+        if several and _PACKET.fullmatch(name.lower()):
             of_row = column.values == values[:, None]
             parts = zip(values.tolist(), of_row, strict=True)
             return {
@@ -316,12 +295,11 @@ def _filled(table: Table, packet: str, rows: np.ndarray) -> Table:
 
 def _families(group: FileGroup) -> list[ColumnFamily]:
     packet = "" if group.packet is None else f"{group.packet[1]}_"
-    found = families(group.table, packet + group.files[0].name)
-    if group.table.attitude is not None:
-        form = "quaternion" if group.table.attitude.scalar else "euler"
-        found = [family for family in found if family.holds != "attitude"]
-        found.insert(0, ColumnFamily("attitude", group.table.attitude.names, form=form))
-    return found
+    found, stated = families(group.table, packet + group.files[0].name), group.table.attitude
+    if stated is None:
+        return found
+    family = ColumnFamily("attitude", stated.names, form="quaternion" if stated.scalar else "euler")
+    return [family, *(other for other in found if other.holds != "attitude")]
 
 
 def _left_over(
