@@ -26,7 +26,7 @@ from bayes_inertia.importing.logged_stream import (
     left_out,
 )
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
-from bayes_inertia.importing.mapping_schema import MappingPart, MomentumStream, SpeedStream
+from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.stamp_parts import SECOND, unit_size
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS
@@ -65,13 +65,12 @@ def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
 def _groups(shares: Sequence[FileShare]) -> list[list[FileShare]]:
     """Shares whose stamps come from one counter."""
     groups: dict[tuple, list[FileShare]] = {}
-    of_stream: dict[int, int] = {}
-    for share in shares:
-        time = share.stream.time
-        k = of_stream[id(share.stream)] = of_stream.get(id(share.stream), -1) + 1
-        if time.kind in FREE_CLOCKS or not (time.kind or share.stamps.absolute):
-            key = (time.epoch, k if time.epoch == ZERO_OF_FILE else 0)
-            groups.setdefault(key, []).append(share)
+    for files in _streams(shares):
+        time = files[0].stream.time
+        for k, share in enumerate(files):
+            if time.kind in FREE_CLOCKS or not (time.kind or share.stamps.absolute):
+                key = (time.epoch, k if time.epoch == ZERO_OF_FILE else 0)
+                groups.setdefault(key, []).append(share)
     return list(groups.values())
 
 
@@ -91,15 +90,11 @@ def _wrap(files: Sequence[FileShare]) -> tuple[_Period, int, int] | None:
     if not len(forward) or not np.any(steps < 0):
         return None
     step = float(np.median(forward))
-    best: tuple[float, _Period, np.ndarray] | None = None
-    for period in _periods(files[0]):
-        wraps = _clean_wraps(counts, steps, step, period)
-        if wraps.any():
-            off = float(np.abs(steps[wraps] + period.ns - step).min())
-            best = min(best or (np.inf, period, wraps), (off, period, wraps), key=lambda b: b[0])
-    if best is None:
+    tried = [(period, _clean_wraps(counts, steps, step, period)) for period in _periods(files[0])]
+    found = [(period, wraps) for period, wraps in tried if wraps.any()]
+    if not found:
         return None
-    _, period, wraps = best
+    period, wraps = min(found, key=lambda f: float(np.abs(steps[f[1]] + f[0].ns - step).min()))
     last = int(counts[-1]) + period.ns * int(wraps.sum())
     return period, (int(counts[0]) + last) // 2, last - int(counts[0])
 
@@ -293,8 +288,14 @@ def relative_to_body(
     """
     result = dict(streams)
     for holds in ("wheel_momentum", "wheel_speed"):
-        taken = np.array([float(name in _inertial(mapping, holds)) for name in mapping.wheels_of()])
-        if holds not in streams or not taken.any():
+        # Wheels whose readings hold the body's turning.
+        inertial = {
+            name
+            for stream in streams_that_hold(mapping, holds)
+            if getattr(stream, "relative_to", "") == "inertial"
+            for name in mapping.wheels_of(stream)
+        }
+        if not inertial:
             continue
         stream, rate = streams[holds], streams["rate"]
         axes_read = [(axis, np.isfinite(axis)) for axis in rate.values.T]
@@ -305,6 +306,7 @@ def relative_to_body(
         rate_B = rate_S @ np.linalg.inv(np.array(rate_sensor_axes(mapping))).T
         axes = np.array([wheel.axis for wheel in mapping.wheels])
         inertias = np.array([wheel.spin_inertia for wheel in mapping.wheels])
+        taken = np.array([float(name in inertial) for name in mapping.wheels_of()])
         size = taken * (inertias if holds == "wheel_momentum" else 1.0)
         turning = rate_B @ axes.T * size
         largest = float(np.abs(turning).max())
@@ -312,12 +314,3 @@ def relative_to_body(
         note = f"the body's turning was taken out, at most {largest:.2g} {unit}"
         result[holds] = replace(stream, values=stream.values - turning, notes=(*stream.notes, note))
     return result
-
-
-def _inertial(mapping: MappingPart, holds: str) -> set[str]:
-    """Wheels whose readings hold the body's turning."""
-    wheels: set[str] = set()
-    for stream in streams_that_hold(mapping, holds):
-        if isinstance(stream, MomentumStream | SpeedStream) and stream.relative_to == "inertial":
-            wheels |= set(mapping.wheels_of(stream))
-    return wheels

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.faults.motion_scan import MotionScan
 from bayes_inertia.importing.limits import LIMITS
-from bayes_inertia.importing.slew_cutting import DroppedPart, SlewCut
+from bayes_inertia.importing.slew_cutting import SlewCut
 
 _SLEW, _DROPPED, _LINE = "#2a78d6", "#c2541b", "#4d4d4d"
 
@@ -32,21 +32,15 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
         time, speed = _thinned(scan)
         axes.plot(time, speed, color=_LINE, linewidth=0.8)
         for value, name in ((scan.high, "a slew begins above"), (scan.low, "and lasts above")):
-            axes.axhline(np.degrees(value), color=_DROPPED, linewidth=0.8, linestyle="--")
-            axes.annotate(
-                f"{name} {np.degrees(value):.2g} deg/s",
-                (0.005, np.degrees(value)),
-                xycoords=("axes fraction", "data"),
-                va="bottom",
-                color=_DROPPED,
-                fontsize=8,
-            )
+            level = np.degrees(value)
+            axes.axhline(level, color=_DROPPED, linewidth=0.8, linestyle="--")
+            text, at, mixed = f"{name} {level:.2g} deg/s", (0.005, level), ("axes fraction", "data")
+            axes.annotate(text, at, xycoords=mixed, va="bottom", color=_DROPPED, fontsize=8)
         axes.set_yscale("log")
         # Powers of ten as formulas, and marks between them, take longer than all the rest.
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        bottom = LIMITS.bottom_of_axis * np.degrees(scan.low)
-        axes.set_ylim(bottom=bottom)
+        axes.set_ylim(bottom=LIMITS.bottom_of_axis * np.degrees(scan.low))
         axes.set_xlabel(f"time since {clock} [s]")
         axes.set_ylabel("rate [deg/s], smoothed, less the rate at rest")
         axes.set_title(f"{len(cut.windows)} slews; left out: {_reasons(cut)}", fontsize=9)
@@ -59,31 +53,19 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
 
 def _shade(axes: Any, cut: SlewCut) -> None:
     """Slews as bands with their names, dropped motions hatched with their reasons."""
+    assert cut.scan is not None
+    mixed = ("data", "axes fraction")
     for window in cut.windows:
         axes.axvspan(window.start, window.end, color=_SLEW, alpha=0.18, linewidth=0)
-        middle = 0.5 * (window.start + window.end)
-        at = (middle, LIMITS.label_height)
-        mixed = ("data", "axes fraction")
+        at = (0.5 * (window.start + window.end), LIMITS.label_height)
         axes.annotate(window.name, at, xycoords=mixed, ha="center", va="top", fontsize=8)
-    for part in _motions(cut):
-        axes.axvspan(part.start, part.end, facecolor="none", edgecolor=_DROPPED, hatch="///")
-        axes.annotate(
-            part.reason,
-            (0.5 * (part.start + part.end), 0.5),
-            xycoords=("data", "axes fraction"),
-            rotation=90,
-            ha="center",
-            va="center",
-            fontsize=7,
-            color=_DROPPED,
-        )
-
-
-def _motions(cut: SlewCut) -> list[DroppedPart]:
-    """DroppedPart parts that are motions, not rest."""
-    assert cut.scan is not None
     edges = {float(edge) for motion in cut.scan.motions for edge in motion}
-    return [part for part in cut.dropped if part.start in edges and part.end in edges]
+    upright: dict[str, Any] = {"rotation": 90, "ha": "center", "va": "center", "fontsize": 7}
+    for part in cut.dropped:
+        if part.start in edges and part.end in edges:  # Others are parts of a rest.
+            axes.axvspan(part.start, part.end, facecolor="none", edgecolor=_DROPPED, hatch="///")
+            at = (0.5 * (part.start + part.end), 0.5)
+            axes.annotate(part.reason, at, xycoords=mixed, color=_DROPPED, **upright)
 
 
 def _reasons(cut: SlewCut) -> str:

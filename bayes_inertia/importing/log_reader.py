@@ -172,7 +172,18 @@ def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     kind = agreed(stated, time.kind, f"{where}.kind", table.label)
     for key, value in (("names", names), ("kind", kind)):
         require_answer(value, ("streams", "time", key), where)
-    stamps = _stamped(table, names, kind, time, where)
+    try:
+        stamps = times_to_seconds(
+            table,
+            names,
+            kind,
+            units=time.units,
+            form=time.format,
+            gps_rollovers=time.gps_rollovers,
+            first_day=_first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0,
+        )
+    except CampaignError as error:
+        raise error.inside(where) from None
     if kind in FREE_CLOCKS:
         return _with_epoch(stamps, time, where)
     what = f"the clock {kind!r} has a zero of its own that everybody knows"
@@ -197,23 +208,6 @@ def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStam
         return stamps
     zero = utc_ns(time.epoch, f"{where}.epoch")
     return replace(stamps, ns=stamps.ns + zero, absolute=True, zero_ns=zero)
-
-
-def _stamped(
-    table: Table, names: list[str], kind: str, time: TimeStampPart, where: str
-) -> TimeStamps:
-    try:
-        return times_to_seconds(
-            table,
-            names,
-            kind,
-            units=time.units,
-            form=time.format,
-            gps_rollovers=time.gps_rollovers,
-            first_day=_first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0,
-        )
-    except CampaignError as error:
-        raise error.inside(where) from None
 
 
 def _first_day(epoch: str, where: str) -> int:

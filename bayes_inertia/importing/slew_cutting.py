@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -102,10 +103,14 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     by = cut.by or ("files" if len(rate.files) > 1 and not rate.overlap else "rest")
     if mapping.slews or by in ("files", "gaps"):
         if mapping.slews:
-            windows = _stated_windows(logs, mapping, label)
+            stated = [_stated(slew, logs, label) for slew in mapping.slews]
+            advice = "end one before the other, as no reading may count twice"
+            windows = _one_by_one(stated, advice)
         else:
             windows = _of_files(logs) if by == "files" else _sessions(logs, cut, pause)
-        scan = _scan_if_any(logs, cut, pause)
+        scan = None
+        with contextlib.suppress(CampaignError):  # Stated slews need no motion that stands out.
+            scan = _scan(logs, cut, pause)
         if by != "gaps":  # A session is all motion.
             windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
         dropped = _left_over(windows, scan, "no slew is stated here") if mapping.slews else []
@@ -118,13 +123,6 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     advice += "rests, or state [[slews]] with start and end"
     require(bool(windows), f"{label}, key cut", what, advice)
     return SlewCut(tuple(windows), tuple(dropped), scan, "rest")
-
-
-def _scan_if_any(logs: Logs, cut: CutPart, pause: float) -> MotionScan | None:
-    try:
-        return _scan(logs, cut, pause)
-    except CampaignError:  # Stated slews need no motion that stands out.
-        return None
 
 
 def _scan(logs: Logs, cut: CutPart, pause: float) -> MotionScan:
@@ -158,15 +156,10 @@ def _moment(value: str | float, logs: Logs, where: str) -> float:
 
 def _of_files(logs: Logs) -> list[SlewWindow]:
     rate = logs.streams["rate"]
-    windows = []
-    for k, file in enumerate(rate.files):
-        time = rate.time[rate.file == k]
-        if len(time):
-            windows.append(SlewWindow(PurePath(file).stem, float(time[0]), float(time[-1])))
-    windows.sort(key=lambda window: window.start)
+    times = [(PurePath(file).stem, rate.time[rate.file == k]) for k, file in enumerate(rate.files)]
+    windows = [SlewWindow(name, float(t[0]), float(t[-1])) for name, t in times if len(t)]
     advice = 'write by = "rest" in [cut] if the files are no slews, or epoch = "file" if each file '
-    _refuse_overlap(windows, f"{advice}has a clock of its own")
-    return windows
+    return _one_by_one(windows, f"{advice}has a clock of its own")
 
 
 def _sessions(logs: Logs, cut: CutPart, pause: float) -> list[SlewWindow]:
@@ -184,19 +177,13 @@ def _sessions(logs: Logs, cut: CutPart, pause: float) -> list[SlewWindow]:
     return windows
 
 
-def _refuse_overlap(windows: list[SlewWindow], advice: str) -> None:
-    """Raise an error if two slews, in the order of time, share readings."""
-    for before, after in pairwise(windows):
+def _one_by_one(windows: list[SlewWindow], advice: str) -> list[SlewWindow]:
+    """Slews in the order of time; an error if two of them share readings."""
+    ordered = sorted(windows, key=lambda window: window.start)
+    for before, after in pairwise(ordered):
         what = f"the times of {before.name} and {after.name} overlap"
         require(after.start > before.end, "slews", what, advice)
-
-
-def _stated_windows(logs: Logs, mapping: MappingPart, label: str) -> list[SlewWindow]:
-    """The windows that the mapping states, in the order of time."""
-    windows = [_stated(slew, logs, label) for slew in mapping.slews]
-    windows.sort(key=lambda window: window.start)
-    _refuse_overlap(windows, "end one before the other, as no reading may count twice")
-    return windows
+    return ordered
 
 
 def _with_motion(window: SlewWindow, scan: MotionScan | None, fixes: np.ndarray) -> SlewWindow:
@@ -312,11 +299,8 @@ def _merged(scan: MotionScan, shortest: float) -> list[tuple[float, float]]:
     """Motions; those with too short a rest between them are one."""
     merged: list[tuple[float, float]] = []
     for start, end in scan.motions:
-        if (
-            merged
-            and start - merged[-1][1] < shortest
-            and scan.segment_span(start) == scan.segment_span(merged[-1][1])
-        ):
+        last = merged[-1][1] if merged else -np.inf
+        if start - last < shortest and scan.segment_span(start) == scan.segment_span(last):
             merged[-1] = (merged[-1][0], float(end))
         else:
             merged.append((float(start), float(end)))
