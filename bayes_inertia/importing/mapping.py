@@ -109,9 +109,9 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
     what, advice = "attitudes without a star tracker", "add [star_tracker] with its boresight"
     require(tracked, f"{label}, key streams.attitude", what, advice)
     names = mapping.wheels_of()
-    advice = "give each its own name"
-    doubled = len(set(names)) < len(names)
-    require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
+    distinct = len(set(names)) == len(names)
+    what, advice = "a name is used twice", "give each its own name"
+    require(distinct, f"{label}, key wheels", what, advice)
     for holds, kind in STREAM_TYPES.items():
         streams = streams_that_hold(mapping, holds)
         if not kind.of_wheels():
@@ -130,14 +130,12 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
 def _check_cut(mapping: MappingPart, label: str) -> None:
     """Refuse keys of `[cut]` that its way of cutting would ignore."""
     cut, where = mapping.cut, f"{label}, key cut"
-    advice = "keep one of them"
     what = "[[slews]] say already how the log is cut"
-    require(cut.by is None or not mapping.slews, f"{where}.by", what, advice)
+    require(cut.by is None or not mapping.slews, f"{where}.by", what, "keep one of them")
     how = "slews" if mapping.slews else cut.by
-    for key, used_by in (
-        ("longest_s", ("gaps",)),
-        *((key, ("rest", None)) for key in ("before_s", "after_s", "min_rest_s")),
-    ):
+    used: dict[str, tuple[str | None, ...]] = {"longest_s": ("gaps",)}
+    used |= dict.fromkeys(("before_s", "after_s", "min_rest_s"), ("rest", None))
+    for key, used_by in used.items():
         ignored = getattr(cut, key) is not None and how not in used_by
         what = "is not used here" if how is None else f"is not used where {how} cut the log"
         advice = f'leave it out, or write by = "{used_by[0]}"'
@@ -218,14 +216,9 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
         what = f"{len(stream.names)} column(s) for the form {stream.form!r}"
         fits = len(stream.names) == wanted
         require(fits, f"{where}.names", what, f"name {wanted} columns in their order")
-    sequence = stream.sequence.lower()
-    good = not sequence or (
-        len(sequence) == 3
-        and set(sequence) <= set("xyz")
-        and sequence[0] != sequence[1] != sequence[2]
-    )
+    good = re.fullmatch(r"(([xyz])(?!\2)){3}", stream.sequence.lower()) or not stream.sequence
     what = f"{stream.sequence!r} is no sequence of three axes"
-    require(good, f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
+    require(bool(good), f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
     matrix = stream.body_from_tracker
     what = '"body" and body_from_tracker contradict each other'
     advice = 'write frame = "tracker" if the attitudes are those of the tracker, '
@@ -300,26 +293,23 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\
 
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
     """A mapping whose hardware is in SI units: numbers in place of texts such as "5 arcsec"."""
-    converted = dict(document)
-    for part, quantities in _QUANTITIES.items():
-        where = f"{label}, key {part}"
-        tables = document.get(part)
-        if isinstance(tables, dict):
-            converted[part] = _in_si(tables, quantities, where)
-        elif isinstance(tables, list):
-            converted[part] = [
-                _in_si(table, quantities, f"{where}.{table.get('name')}")
-                if isinstance(table, dict)
-                else table
-                for table in tables
-            ]
-    return converted
+    parts = {part: keys for part, keys in _QUANTITIES.items() if part in document}
+    return document | {
+        part: _in_si(document[part], keys, f"{label}, key {part}") for part, keys in parts.items()
+    }
 
 
-def _in_si(table: dict[str, Any], quantities: Mapping[str, str], where: str) -> dict[str, Any]:
+def _in_si(given: Any, quantities: Mapping[str, str], where: str) -> Any:
+    """A table, or one a wheel; what is none is left to the check of types."""
+    if isinstance(given, list):
+        names = [table.get("name") if isinstance(table, dict) else "" for table in given]
+        both = zip(given, names, strict=True)
+        return [_in_si(table, quantities, f"{where}.{name}") for table, name in both]
+    if not isinstance(given, dict):
+        return given
     return {
         key: _value(value, quantities[key], f"{where}.{key}") if key in quantities else value
-        for key, value in table.items()
+        for key, value in given.items()
     }
 
 

@@ -193,20 +193,14 @@ class PositionStream(_InertialPart):
     holds: Literal["position"]
 
 
+WheelStream = TorqueStream | MomentumStream | SpeedStream
 STREAM_TYPES: dict[str, type[_StreamPart]] = {
     str(get_args(kind.model_fields["holds"].annotation)[0]): kind
-    for kind in (
-        RateStream,
-        TorqueStream,
-        MomentumStream,
-        SpeedStream,
-        AttitudeStream,
-        MagneticFieldStream,
-        PositionStream,
+    for kind in get_args(
+        RateStream | WheelStream | AttitudeStream | MagneticFieldStream | PositionStream
     )
 }
 """The form of each stream by what it holds, in the order of a mapping to be filled in."""
-WheelStream = TorqueStream | MomentumStream | SpeedStream
 ReadingsStream = RateStream | WheelStream | MagneticFieldStream | PositionStream
 MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="holds")]
 

@@ -151,21 +151,15 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
     if convention.form == "quaternion":
         return bad_quaternion(values)
     given = np.isfinite(values).sum(axis=1)
-    bad = (given > 0) & (given < values.shape[1])
-    if bad.any():
-        return int(np.argmax(bad)), "the attitude is incomplete"
+    problems = {"the attitude is incomplete": (given > 0) & (given < values.shape[1])}
     if convention.form == "dcm":
         matrices = values.reshape(-1, 3, 3)
         square = np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)
-        bad = np.abs(square).max(axis=(1, 2)) > LIMITS.not_orthogonal
-        if bad.any():
-            return int(np.argmax(bad)), (
-                "the matrix is no rotation: its rows are not of length 1 and square to each other"
-            )
-        bad = np.linalg.det(matrices) < 0.0
-        if bad.any():
-            return int(np.argmax(bad)), "the matrix mirrors: an axis has the wrong sign"
-    return None
+        what = "the matrix is no rotation: its rows are not of length 1 and square to each other"
+        problems[what] = np.abs(square).max(axis=(1, 2)) > LIMITS.not_orthogonal
+        what = "the matrix mirrors: an axis has the wrong sign"
+        problems[what] = np.linalg.det(matrices) < 0.0
+    return next(((int(np.argmax(bad)), what) for what, bad in problems.items() if bad.any()), None)
 
 
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:
@@ -340,9 +334,8 @@ def _readings(
     counts = np.isfinite(values).sum(axis=0)
     fewest = int(np.argmin(counts))
     # Commands may change one by one.
-    if counts[fewest] < (
-        1 if isinstance(part, TorqueStream) else LIMITS.complete_column * counts.max()
-    ):
+    least = 1 if isinstance(part, TorqueStream) else LIMITS.complete_column * counts.max()
+    if counts[fewest] < least:
         said.append(f"{part.names[fewest]} has {counts[fewest]} readings, others {counts.max()}")
     return 0.0 - values if body else values, tuple(roundings.tolist()), said
 
@@ -382,10 +375,8 @@ def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scale
     different = np.unique(read[np.isfinite(read).all(axis=1)], axis=0)
     lengths = np.linalg.norm(different, axis=1)
     length = max(float(np.median(lengths)), 1e-300) if len(lengths) else 1.0
-    even = (
-        len(different) > 1
-        and np.mean(np.abs(lengths / length - 1.0) <= LIMITS.even_length) >= LIMITS.most_even_rows
-    )
+    alike = np.abs(lengths / length - 1.0) <= LIMITS.even_length
+    even = len(different) > 1 and np.mean(alike) >= LIMITS.most_even_rows
     counts = convention.form == "quaternion" and even and abs(length - 1.0) > LIMITS.even_length
     if counts and not scaled:
         return f"if these are counts, add scale = {1.0 / length:.10g} to the stream"

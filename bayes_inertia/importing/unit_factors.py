@@ -52,13 +52,8 @@ def _registry() -> Any:
 
 def _powers_of_angle(value: Any) -> float:
     """The exponent of units of angle in a quantity of pint."""
-    total = 0.0
-    for name, exponent in value.unit_items():
-        for _, base, _ in _registry().parse_unit_name(name):
-            if base in _ANGLES:
-                total += exponent
-                break
-    return total
+    items = ((_registry().parse_unit_name(name), power) for name, power in value.unit_items())
+    return sum(power for meant, power in items if _ANGLES & {base for _, base, _ in meant})
 
 
 def _word(text: str) -> str:
