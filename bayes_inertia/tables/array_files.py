@@ -29,16 +29,15 @@ _INDEXED = re.compile(r"(.*)\((\d+)\)")
 
 def opened_objects(path: str, places: Sequence[str]) -> dict[str, list[Part]]:
     """Arrays of the objects at some places of a MAT file; unknown classes are absent."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.
-        import matio
     names = list({re.sub(r"\(\d+\)$", "", place.split("/")[0]) for place in places})
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # The import sets an option that pandas 3 no longer needs.
+        import matio
+
+        try:
             content = matio.load_from_mat(path, variable_names=names, add_table_attrs=True)
-    except Exception:  # A damaged object: the rest of the file was read.
-        return {}
+        except Exception:  # A damaged object: the rest of the file was read.
+            return {}
     opened = {place: _parts(_at(content, place), place) for place in places}
     return {place: parts for place, parts in opened.items() if parts is not None}
 
@@ -126,15 +125,14 @@ def _times(details: dict[str, Any]) -> np.ndarray | None:
     if unit is None:
         return None
     size = float(unit) / SECOND
-    stored = np.asarray(details.get("Time_", [])).ravel()
+    keys = ("Time_", "Start_", "Increment_", "Length")
+    stored, start, step, length = (np.ravel(details.get(key, [])) for key in keys)
     if stored.size:
         return stored.astype(float) * size
-    numbers = [np.asarray(details.get(key, [])).ravel() for key in ("Start_", "Increment_")]
-    start = float(numbers[0][0]) if numbers[0].size else 0.0
-    length = np.asarray(details.get("Length", [])).ravel()
-    if not numbers[1].size or not length.size or not np.isfinite(numbers[1][0]):
+    if not step.size or not length.size or not np.isfinite(step[0]):
         return None
-    return (start + float(numbers[1][0]) * np.arange(int(length[0]))) * size
+    first = float(start[0]) if start.size else 0.0
+    return (first + float(step[0]) * np.arange(int(length[0]))) * size
 
 
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS")
@@ -163,30 +161,29 @@ class FileArrays:
 
     def add(self, path: str, value: Any, unit: str = "") -> None:
         """Keep an array of numbers, dates or texts, fields of records apart; leave others out."""
-        array: np.ndarray | None = np.asarray(value)
-        assert array is not None
+        array = np.asarray(value)
         if array.dtype.names:
             for name in array.dtype.names:
                 self.add(f"{path}/{name}", array[name], unit)
             return
         if array.dtype.kind == "O":
             array = _texts(array)
-        if array is not None and array.dtype.kind in "iufbUSM":
-            if array.dtype.kind == "S":
-                array = np.char.decode(array, "utf-8", "replace")
-            if array.dtype.kind == "M":
-                array = np.datetime_as_string(array.astype("datetime64[ns]"))
+        if array.dtype.kind == "S":
+            array = np.char.decode(array, "utf-8", "replace")
+        if array.dtype.kind == "M":
+            array = np.datetime_as_string(array.astype("datetime64[ns]"))
+        if array.dtype.kind in "iufbU":
             self.arrays[path] = array
             if unit:
                 self.units[path] = unit
 
 
-def _texts(array: np.ndarray) -> np.ndarray | None:
-    """An array of objects as texts, or None where they are something else."""
+def _texts(array: np.ndarray) -> np.ndarray:
+    """An array of objects as texts, or as it is where they are something else."""
     raw = array.ravel().tolist()
     items = [x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in raw]
     if not items or not all(isinstance(item, str) for item in items):
-        return None
+        return array
     return np.array(items, dtype=str).reshape(array.shape)
 
 
@@ -213,14 +210,11 @@ def read_hdf5(path: str, into: FileArrays, *, load: bool = True) -> None:
             link = node.get(name, getlink=True)
             if not isinstance(link, h5py.HardLink) and not load:
                 raise FileError(f"{inner} is a link, which a MAT or netCDF file has not")
-            if isinstance(link, h5py.ExternalLink):
+            external = isinstance(link, h5py.ExternalLink)
+            item = None if external else node.get(name)
+            if external or (item is not None and item.file.filename != node.file.filename):
                 into.closed[inner] = "a link to another file"
-                continue
-            item = node.get(name)
-            if item is not None and item.file.filename != node.file.filename:
-                into.closed[inner] = "a link to another file"
-                continue
-            if isinstance(item, h5py.Group):
+            elif isinstance(item, h5py.Group):
                 number = h5py.h5o.get_info(item.id).addr
                 if number in above:
                     raise FileError(f"the group {inner} contains itself")
@@ -253,11 +247,7 @@ def read_netcdf(path: str, into: FileArrays) -> None:
 
     with open(path, "rb") as file:
         modern = file.read(4) == b"\x89HDF"
-    options: dict[str, Any] = {
-        "decode_times": False,
-        "mask_and_scale": True,
-        "decode_coords": False,
-    }
+    options: dict[str, Any] = {"decode_times": False, "decode_coords": False}
     if modern:
         read_hdf5(path, FileArrays(left=into.left), load=False)
         groups = xarray.open_groups(path, engine="h5netcdf", **options)

@@ -74,21 +74,18 @@ def _parts(name: str, column: Any) -> dict[str, Any]:
     if types.is_dictionary(kind):
         return _parts(name, column.cast(kind.value_type))
     if types.is_struct(kind):
-        parts: dict[str, Any] = {}
-        for index, member in enumerate(kind):
-            parts |= _parts(f"{name}.{member.name}", compute.struct_field(column, [index]))
-        return parts
-    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        fields = [compute.struct_field(column, [k]) for k in range(kind.num_fields)]
+        members = [(f"{name}.{f.name}", x) for f, x in zip(kind, fields, strict=True)]
+    elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         if types.is_fixed_size_list(kind):
             column = column.cast(pyarrow.list_(kind.value_type))
         lengths = compute.list_value_length(column).drop_null().unique().to_pylist()
         if len(lengths) != 1 or not 0 < lengths[0] <= LIMITS.most_columns:
             return {}
-        parts = {}
-        for index in range(lengths[0]):
-            parts |= _parts(f"{name}[{index}]", compute.list_element(column, index))
-        return parts
-    return {name: column}
+        members = [(f"{name}[{k}]", compute.list_element(column, k)) for k in range(lengths[0])]
+    else:
+        return {name: column}
+    return {part: x for inner, own in members for part, x in _parts(inner, own).items()}
 
 
 def _add_column(held: FileArrays, name: str, values: Any, unit: str) -> None:
@@ -108,8 +105,6 @@ def _add_column(held: FileArrays, name: str, values: Any, unit: str) -> None:
     elif types.is_string(kind) or types.is_large_string(kind):
         texts = ["" if text is None else text for text in values.to_pylist()]
         array = np.array(texts, dtype=np.dtypes.StringDType())
-    elif types.is_boolean(kind):
-        array = values.cast(pyarrow.int8()).cast(pyarrow.float64()).to_numpy()
     elif types.is_null(kind) or types.is_decimal(kind) or types.is_primitive(kind):
         array = values.cast(pyarrow.float64(), safe=False).to_numpy()
         if kind in (pyarrow.float32(), pyarrow.float16()):
@@ -365,18 +360,13 @@ def array_column(values: np.ndarray, unit: str = "") -> Column:
     ['2024-01-01T00:00:00.500000000']
     """
     kind = values.dtype.kind
-    if kind in "US" or kind == "T":
+    if kind in "UST":
         return Column(values.astype(np.dtypes.StringDType()), unit)
-    if kind == "b":
-        return Column(values.astype(np.int64), unit)
     since = _SINCE.fullmatch(unit)
     size = unit_size(UNIT_WORDS.get(since[1].lower(), "")) if since else None
     if since and size and kind in "iuf":
         return Column(_dates_since(values, int(size), since[2]))
-    if kind == "u":
-        exact = values.astype(np.int64) if values.max(initial=0) < 2**63 else values.astype(float)
-        return Column(exact, unit)
-    if kind == "i":
+    if kind in "bi" or (kind == "u" and values.max(initial=0) < 2**63):
         return Column(values.astype(np.int64), unit)
     return Column(values.astype(float), unit, single=values.dtype.itemsize <= 4)
 

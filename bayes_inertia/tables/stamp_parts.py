@@ -19,7 +19,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
-from bayes_inertia.tables.table import Table
+from bayes_inertia.tables.table import Column, Table
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,17 @@ SECOND = SCALES.second
 
 @cache
 def leap_table() -> tuple[np.ndarray, np.ndarray]:
-    """UTC [ns since 1958] at each change of TAI - UTC [ns], and that, (changes,), of ERFA."""
+    """UTC [ns since 1958] at each change of TAI - UTC, (changes,), and that [ns] between, of ERFA.
+
+    Before the first change and after the last too: (changes + 1,).
+    """
     import erfa
 
     # Before 1972 UTC had no whole leap seconds.
     table = [row for row in erfa.leap_seconds.get().tolist() if row[0] >= 1972]
     starts = [date(year, month, 1) - date(1958, 1, 1) for year, month, _ in table]
     days = np.array([start.days for start in starts], np.int64)
-    return days * SCALES.day, np.array([row[2] for row in table], np.int64) * SECOND
+    return days * SCALES.day, np.array([0, *(row[2] for row in table)], np.int64) * SECOND
 
 
 def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
@@ -61,8 +64,7 @@ def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
     [1.0]
     """
     start, offset = leap_table()
-    held = np.searchsorted(start, utc_ns, side="right") - 1
-    return utc_ns + np.where(held >= 0, offset[np.maximum(held, 0)], 0)
+    return utc_ns + offset[np.searchsorted(start, utc_ns, side="right")]
 
 
 def tai_to_utc(tai_ns: int) -> int:
@@ -73,8 +75,7 @@ def tai_to_utc(tai_ns: int) -> int:
     True
     """
     start, offset = leap_table()
-    held = int(np.searchsorted(start + offset, tai_ns, side="right")) - 1
-    return tai_ns - (int(offset[held]) if held >= 0 else 0)
+    return tai_ns - int(offset[np.searchsorted(start + offset[1:], tai_ns, side="right")])
 
 
 def has_leap_second(day_end_ns: int) -> bool:
@@ -192,31 +193,30 @@ def exact_ns(
     column = table.column(name)
     values = table.numbers(name)
     missing = np.isnan(values)
-    sizes = np.abs(np.where(missing, 0.0, values))
+    numbers = np.where(missing, 0.0, values)
+    sizes = np.abs(numbers)
     size = float(np.max(sizes, initial=0.0))
     too_large = sizes >= max(size, 2.0**62 / float(unit) + zero)
     advice = "state the kind and unit that the column has"
     table.refuse(too_large & ~missing, name, "{:g} is no time of this kind", advice)
     if unit.denominator != 1:
-        return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
+        return _rounded(numbers, unit), missing, 1e-9
     one = int(unit)
     if column.exact is not None:
-        return _decimal_ns(table, name, one, zero), missing, max(one * 1e-18, 1e-9)
+        return _decimal_ns(column, one, zero), missing, max(one * 1e-18, 1e-9)
     if column.values.dtype.kind in "iu":
         ns = (column.values.astype(np.int64) - math.floor(zero)) * one
         return ns - round((zero % 1.0) * one), missing, 1e-9
     spacing = np.spacing(np.float32(size)) if column.single else np.spacing(size)
     # Whole units and the rest apart: each is exact, the sum of floats would not be.
-    numbers = np.where(missing, 0.0, values)
     whole = np.floor(numbers)
     rest = numbers - whole - zero % 1.0
     ns = (whole.astype(np.int64) - math.floor(zero)) * one
     return ns + np.rint(rest * one).astype(np.int64), missing, float(spacing) * one / SECOND
 
 
-def _decimal_ns(table: Table, name: str, unit: int, zero: float) -> np.ndarray:
+def _decimal_ns(column: Column, unit: int, zero: float) -> np.ndarray:
     """Cells with more digits than a float holds, in whole nanoseconds."""
-    column = table.column(name)
     assert column.exact is not None
     start = Decimal(zero)
     ns = np.zeros(column.exact.size, dtype=np.int64)
