@@ -24,13 +24,7 @@ _SPIN = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
 _ANGLES = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
 _AXES = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
 _ROTATING = re.compile(r"(ITRF|GTOD|EFG|WGS|GRC|TIRF|LVLH|VVLH|RTN|RSW|QSW|TNW|NTW|PQW|NSW|SEZ).*")
-_TIME_SYSTEMS: Mapping[str, str] = {
-    "UTC": "utc",
-    "TAI": "tai",
-    "GPS": "gps",
-    "TT": "tt",
-    "TDT": "tt",
-}
+_TIME_SYSTEMS = {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "tt"}
 EPOCH = "EPOCH"
 """Name of the column of time stamps."""
 

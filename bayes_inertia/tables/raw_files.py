@@ -108,10 +108,9 @@ def _spread(column: Column, own: np.ndarray, rows: np.ndarray, count: int, unit:
         values = np.full(count, np.nan)
         values[rows] = column.values[own]
         return Column(values, unit or column.unit, column.single)
-    cells = [""] * count
-    for row, cell in zip(rows.tolist(), column.values[own].tolist(), strict=True):
-        cells[row] = cell
-    return logged_column(cells, ",", unit or column.unit)
+    cells = np.full(count, "", dtype=np.dtypes.StringDType())
+    cells[rows] = column.values[own]
+    return logged_column(cells.tolist(), ",", unit or column.unit)
 
 
 def _with_units(labels: Sequence[str], units: Sequence[str]) -> list[str]:

@@ -265,11 +265,7 @@ def number_of(cell: str, decimal: str = ".") -> float:
     if "_" in cell:
         return math.nan
     text = (cell.replace(",", ".") if decimal == "," else cell).replace("\u2212", "-")
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    try:  # Fortran's double exponent.
+    try:  # The D is Fortran's double exponent.
         return float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         return math.nan

@@ -135,10 +135,9 @@ def _encoding(data: bytes) -> str:
             return name
     # No text of UTF-16 holds four NUL bytes in a row; a logger that lost power leaves them.
     head = re.sub(rb"\0{4,}", b"", data[: LIMITS.encoding_sample_bytes])[:4000]
-    if len(head) >= 4 and len(head[1::2]) and head[1::2].count(0) > 0.4 * len(head[1::2]):
-        return "utf-16-le"
-    if len(head) >= 4 and head[::2].count(0) > 0.4 * len(head[::2]):
-        return "utf-16-be"
+    for half, name in ((head[1::2], "utf-16-le"), (head[::2], "utf-16-be")):
+        if len(head) >= 4 and half.count(0) > 0.4 * len(half):
+            return name
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -160,7 +159,7 @@ def content_lines(
         stripped = line.strip()
         if not stripped:
             continue
-        if signs and stripped.startswith(signs):
+        if stripped.startswith(signs):
             sign = next(sign for sign in signs if stripped.startswith(sign))
             comments[number] = stripped.lstrip(sign).strip()
         else:
@@ -272,8 +271,6 @@ def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
     width = usual_width(rows)
     regular = [cells for cells in rows if len(cells) == width]
     cells = [cell for row in regular[len(regular) // 2 :] for cell in row]
-    if not rows:
-        return 0.0
     full = [cell for cell in cells if not is_empty(cell)]
     readings = sum(is_reading(cell, decimal) for cell in full) / max(len(full), 1)
-    return readings * len(regular) / len(rows)
+    return readings * len(regular) / max(len(rows), 1)

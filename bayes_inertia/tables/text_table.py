@@ -20,13 +20,7 @@ import numpy as np
 from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.table import (
-    Column,
-    StatedAttitude,
-    Table,
-    is_empty,
-    number_of,
-)
+from bayes_inertia.tables.table import Column, StatedAttitude, Table, is_empty, number_of
 from bayes_inertia.tables.text_cells import (
     COMMENTS,
     CellRow,
@@ -67,12 +61,12 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
     rows, notes = _without_end([_trimmed(row, count) for row in rows], count, form.decimal, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
-    name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
-    _check_no_row_is_lost(rows[:first], name_row, unit_row, form, label)
-    names = _padded(name_row, count)
-    both = zip(_padded(unit_row, count), names, strict=True)
+    head = _head(rows[:first], comments, rows[first].line, count, form, options)
+    _check_no_row_is_lost(rows[:first], head, form.decimal, label)
+    names, unit_cells = (_padded(row, count) for row in head)
+    both = zip(unit_cells, names, strict=True)
     units = [_unit(cell) or _unit_in_name(name) for cell, name in both]
-    below, repeated = _without_heads(rows[first:], (name_row, unit_row))
+    below, repeated = _without_heads(rows[first:], head)
     names = _without_last_blank(_own_names(names), below, count)
     for row in below:
         if len(row.cells) < len(names) or any(row.cells[len(names) :]):
@@ -138,17 +132,13 @@ def _padded(row: CellRow | None, count: int) -> list[str]:
 
 
 def _check_no_row_is_lost(
-    above: Sequence[CellRow],
-    name_row: CellRow | None,
-    unit_row: CellRow | None,
-    form: TextForm,
-    label: str,
+    above: Sequence[CellRow], head: Sequence[CellRow | None], decimal: str, label: str
 ) -> None:
     """Refuse a damaged row of telemetry that would pass for one of metadata."""
-    last = max((row.line for row in (name_row, unit_row) if row), default=0)
+    last = max((row.line for row in head if row), default=0)
     for row in above:
-        readings = any(is_reading(cell, form.decimal) for cell in row.cells)
-        lost = readings if last else _holds_readings(row.cells, form.decimal)
+        readings = any(is_reading(cell, decimal) for cell in row.cells)
+        lost = readings if last else _holds_readings(row.cells, decimal)
         what = f"{len(row.cells)} cells that do not fit the columns"
         advice = "mend or remove the line; a line of metadata can begin with #"
         require(row.line <= last or not lost, f"{label}, line {row.line}", what, advice)
@@ -362,9 +352,7 @@ def read_42(path: Path) -> Table:
     columns = {name: replace(column, unit=unit) for name, column in both}
     notes = _notes(path, stem, columns)
     columns = {**_stamps(path, table.rows), **columns}
-    attitude = None
-    if stem == "qbn":
-        attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "BODY")
+    attitude = StatedAttitude(tuple(names), "last", "N", "BODY") if stem == "qbn" else None
     has_time = "time" in columns
     time, kind = ("time",) * has_time, "s" * has_time
     return Table(str(path), columns, table.lines, time, kind, attitude, notes)
@@ -399,16 +387,14 @@ def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, .
 def _utc(path: Path) -> Table:
     """UTC.42: year:month:day:hour:minute:second, as ISO 8601."""
     texts, numbers = [], []
-    for number, line in enumerate(decoded(content(path), str(path)).splitlines(), start=1):
-        if not line.strip():
-            continue
+    for number, line in content_lines(decoded(content(path), str(path)), ())[0]:
         match = _UTC_OF_42.fullmatch(line)
         if match is None:
             what = f"{line.strip()[:40]!r} is no time as 42 writes it"
             advice = "write it again"
             raise CampaignError(what, where=f"{path}, line {number}", advice=advice)
-        year, month, day, hour, minute = (int(part) for part in match.groups()[:5])
-        texts.append(f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{match[6]}Z")
+        parts = [part.zfill(2) for part in match.groups()]
+        texts.append(f"{'-'.join(parts[:3])}T{':'.join(parts[3:])}Z")
         numbers.append(number)
     column = Column(np.array(texts, dtype=np.dtypes.StringDType()))
     return Table(str(path), {"UTC": column}, np.array(numbers), ("UTC",), "utc")

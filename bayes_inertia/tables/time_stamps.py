@@ -106,9 +106,7 @@ def _starts_a_stamp(table: Table, name: str) -> bool:
     """Whether a column may hold the whole units of a stamp."""
     if table.column(name).is_text:
         return _holds_dates(table.column(name))
-    return unit_in_name(name) in ("week", "year", "day", "s") or bool(
-        {"coarse"} & {*words_of(name)}
-    )
+    return unit_in_name(name) in ("week", "year", "day", "s") or "coarse" in words_of(name)
 
 
 def _with_finer(table: Table, chain: list[str]) -> list[str]:
@@ -160,10 +158,10 @@ def stamp_units(table: Table, names: Sequence[str]) -> list[str]:
     units: list[str] = []
     for name in names:
         column, words = table.column(name), {*words_of(name)}
-        unit = (
-            "date" if column.is_text else unit_in_name(name) or ("s" if "coarse" in words else "")
-        )
-        if not column.is_text and unit in ("", "s") and words & _FINE:
+        unit = unit_in_name(name) or ("s" if "coarse" in words else "")
+        if column.is_text:
+            unit = "date"
+        elif unit in ("", "s") and words & _FINE:
             most = np.nanmax(column.values, initial=0.0)
             bits = next((n for n in (8, 16, 24, 32) if most < 2.0**n), 0)
             unit = f"s/2^{bits}" if bits and units else ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from calendar import isleap
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from functools import cache
@@ -41,6 +42,7 @@ _MONTHS = (
 # What each directive of a `format` stands for.
 _DIRECTIVES: Mapping[str, str] = vocabulary("tables")["directives"]
 _CALENDAR = ("year", "month", "day", "doy")
+_FIRST_DAY = date(LIMITS.years[0], 1, 1).toordinal()  # From which all times count.
 _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
 _ADVICE = (
     "write times as 2024-05-01T12:34:56.789, with Z or an offset such as +01:00 where it is UTC, "
@@ -146,9 +148,7 @@ def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
             stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[ns]")
     except (ValueError, UserWarning):
         return None
-    first, last = (
-        np.datetime64(f"{year}-01-01", "ns") for year in (LIMITS.years[0], LIMITS.years[1])
-    )
+    first, last = (np.datetime64(f"{year}-01-01", "ns") for year in LIMITS.years)
     if np.isnat(stamps).any() or stamps.min() < first or stamps.max() > last:
         return None
     return (stamps - first).astype(np.int64)
@@ -163,16 +163,10 @@ def _day_number(given: Mapping[str, str]) -> int:
         raise ValueError("no year of space flight")
     if "doy" in given:
         count = int(given["doy"])
-        last = date(year, 12, 31).timetuple().tm_yday
-        if not 1 <= count <= last:
+        if not 1 <= count <= 365 + isleap(year):
             raise ValueError("no such day")
-        return date(year, 1, 1).toordinal() + count - 1 - _first_day()
-    return date(year, _month(given["month"]), int(given["day"])).toordinal() - _first_day()
-
-
-def _first_day() -> int:
-    """The day from which all times count."""
-    return date(LIMITS.years[0], 1, 1).toordinal()
+        return date(year, 1, 1).toordinal() + count - 1 - _FIRST_DAY
+    return date(year, _month(given["month"]), int(given["day"])).toordinal() - _FIRST_DAY
 
 
 @cache
