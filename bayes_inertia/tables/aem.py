@@ -15,7 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.errors import CampaignError, require
+from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.table import Column, StatedAttitude, Table, joined_values
+from bayes_inertia.tables.text_cells import CellRow
 from bayes_inertia.tables.text_table import text_column
 
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
@@ -28,15 +30,7 @@ _TIME_SYSTEMS = {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "t
 EPOCH = "EPOCH"
 """Name of the column of time stamps."""
 
-# Keywords that do not change what a number means.
-_WITHOUT_MEANING = frozenset(
-    """COMMENT OBJECT_NAME OBJECT_ID CENTER_NAME START_TIME STOP_TIME USEABLE_START_TIME
-    USEABLE_STOP_TIME INTERPOLATION_METHOD INTERPOLATION_DEGREE""".split()  # noqa: SIM905
-)
-_WITH_MEANING = frozenset(
-    """REF_FRAME_A REF_FRAME_B ATTITUDE_DIR TIME_SYSTEM ATTITUDE_TYPE QUATERNION_TYPE EULER_ROT_SEQ
-    RATE_FRAME ANGVEL_FRAME""".split()  # noqa: SIM905
-)
+_KEYWORDS = frozenset(" ".join(vocabulary("tables")["aem_keywords"].values()).split())
 
 
 @dataclass(frozen=True)
@@ -45,8 +39,7 @@ class AemSegment:
 
     version: str  # "1.0" or "2.0"
     metadata: Mapping[str, str]  # Keywords and their values
-    rows: tuple[tuple[str, ...], ...]  # Cells: time stamp and numbers
-    lines: tuple[int, ...] = ()  # Their lines; () for XML
+    rows: tuple[CellRow, ...]  # Time stamp and numbers, and the line; 0 for XML
     # Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them
     names: tuple[str, ...] = ()
     label: str = ""  # The file and the segment, as messages name them
@@ -62,21 +55,20 @@ def segment_table(segment: AemSegment) -> Table:
     names = segment.names or _names_of_type(segment)
     segment.require(bool(segment.rows), "a segment has no attitudes", "export it again")
     for index, row in enumerate(segment.rows):
-        if len(row) != len(names) + 1:
-            where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
-            what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
+        if len(row.cells) != len(names) + 1:
+            where = f"line {row.line}" if row.line else f"attitude {index + 1}"
+            what = f"{len(row.cells) - 1} numbers, but {_type(segment)} has {len(names)}"
             advice = "mend or remove the line"
             raise CampaignError(what, where=f"{segment.label}, {where}", advice=advice)
-    cells = list(zip(*segment.rows, strict=True))
+    cells = list(zip(*(row.cells for row in segment.rows), strict=True))
     columns = {EPOCH: Column(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):
         columns[name] = text_column(values, ".", _unit_of(name))
     if _type(segment) == "SPIN":
         columns = _spin_angles(segment, columns)
     attitude, notes = _attitude(segment, tuple(columns))
-    lines, kind = np.array(segment.lines, dtype=int), _time_kind(segment)
-    held = columns, lines if segment.lines else None
-    return Table(segment.label, *held, (EPOCH,), kind, attitude, notes)
+    lines = np.array([row.line for row in segment.rows]) if segment.rows[0].line else None
+    return Table(segment.label, columns, lines, (EPOCH,), _time_kind(segment), attitude, notes)
 
 
 def joined_segments(tables: Sequence[Table]) -> Table:
@@ -107,8 +99,7 @@ def _check_keywords(segment: AemSegment) -> None:
         segment.require(stated, f"the metadata lack {key}", f"add the line {key} = ...")
     for key in segment.metadata:
         what = f"the keyword {key} is not one of an AEM, and could change what the numbers mean"
-        known = key in _WITH_MEANING | _WITHOUT_MEANING
-        segment.require(known, what, "remove the line if it does not")
+        segment.require(key in _KEYWORDS, what, "remove the line if it does not")
 
 
 def _type(segment: AemSegment) -> str:
@@ -157,9 +148,7 @@ def _scalar(segment: AemSegment) -> str:
     return "last" if segment.version == "2.0" and not stated else ""
 
 
-def _attitude(
-    segment: AemSegment, names: Sequence[str]
-) -> tuple[StatedAttitude | None, tuple[str, ...]]:
+def _attitude(segment: AemSegment, names: Sequence[str]) -> tuple[StatedAttitude, tuple[str, ...]]:
     """Attitude convention of the segment, and notes on it for the user."""
     meta = segment.metadata
     frames = (meta.get(key) for key in ("ANGVEL_FRAME", "RATE_FRAME"))
@@ -193,8 +182,7 @@ def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
     segment.require(set(_QUATERNION) <= set(names), what, "export the message again")
     stated = meta.get("QUATERNION_TYPE", "last")
     what = f"QUATERNION_TYPE = {stated} is neither FIRST nor LAST"
-    known = stated.lower() in ("first", "last")
-    segment.require(known, what, "write where the scalar QC stands")
+    segment.require(stated.lower() in ("first", "last"), what, "write where the scalar QC stands")
     what = "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands"
     advice = "add QUATERNION_TYPE = FIRST or LAST to the metadata"
     # XML names each component.
@@ -226,8 +214,7 @@ def _frames(segment: AemSegment) -> tuple[str, str]:
         segment.require(not _ROTATING.fullmatch(frame.upper()), what, advice)
     stated = meta.get("ATTITUDE_DIR", "A2B")
     what = f"ATTITUDE_DIR = {stated} is neither A2B nor B2A"
-    known = stated.upper() in ("A2B", "B2A")
-    segment.require(known, what, "write the direction of the rotation")
+    segment.require(stated.upper() in ("A2B", "B2A"), what, "write the direction of the rotation")
     return (start, end) if stated.upper() == "A2B" else (end, start)
 
 

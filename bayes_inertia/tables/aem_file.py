@@ -19,16 +19,13 @@ from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.tables.table import Table
-from bayes_inertia.tables.text_cells import content, decoded, lines_in
+from bayes_inertia.tables.text_cells import CellRow, content, decoded, lines_in
 from bayes_inertia.tables.time_texts import text_to_ns
 
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
 _UNIT = re.compile(r"\s*\[[^\]]*\]\s*$")
 _BLOCK = re.compile(r"([A-Z]+)_(START|STOP)")
-# Keywords of a block of an ACM that do not change what a number means, or stand under other names.
-_OF_BLOCK = frozenset(
-    "ATT_ID ATT_PREV_ID ATT_BASIS ATT_BASIS_ID ATT_TYPE RATE_TYPE NUMBER_STATES".split()  # noqa: SIM905
-)
+_OF_BLOCK = frozenset(vocabulary("tables")["acm_keywords"]["dropped"].split())
 _RATES = {"NONE": "", "ANGVEL": "/ANGVEL", "Q_DOT": "/DERIVATIVE", "EULER_RATE": "/DERIVATIVE"}
 _ZERO = np.datetime64("1958-01-01", "ns")
 _ADVICE = "export the message again"
@@ -101,8 +98,7 @@ class _Block:
     name: str
     where: str
     pairs: dict[str, str] = field(default_factory=dict)
-    rows: list[tuple[str, ...]] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
+    rows: list[CellRow] = field(default_factory=list)
 
 
 def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
@@ -120,8 +116,7 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
         elif not line or line.startswith("COMMENT") or block.name not in read:
             continue
         elif read[block.name] and (block.name == "DATA" or "=" not in line):
-            block.rows.append(tuple(line.split()))
-            block.lines.append(number)
+            block.rows.append(CellRow(number, tuple(line.split())))
         else:
             _add(block.pairs, *_pair(line, where), where)
     require(block is outside, label, "ends within a segment", _ADVICE)
@@ -137,7 +132,7 @@ def _from_kvn(text: str, label: str) -> list[AemSegment]:
     require(len(blocks) % 2 == 0, label, "ends within a segment", _ADVICE)
     version = header.pairs.get("CCSDS_AEM_VERS", "")
     both = zip(blocks[::2], blocks[1::2], strict=True)
-    return [AemSegment(version, a.pairs, tuple(b.rows), tuple(b.lines)) for a, b in both]
+    return [AemSegment(version, a.pairs, tuple(b.rows)) for a, b in both]
 
 
 def _from_acm(text: str, label: str) -> list[AemSegment]:
@@ -148,28 +143,24 @@ def _from_acm(text: str, label: str) -> list[AemSegment]:
         if block.name == "META":
             meta |= block.pairs
         elif block.name == "ATT":
-            stated, stamped = _as_aem(meta, block.pairs, block.rows, label)
-            segments.append(AemSegment("2.0", stated, stamped, tuple(block.lines)))
+            segments.append(_as_aem(meta, block, label))
     return segments
 
 
-def _as_aem(
-    meta: Mapping[str, str], block: Mapping[str, str], rows: list[tuple[str, ...]], label: str
-) -> tuple[dict[str, str], tuple[tuple[str, ...], ...]]:
-    """Metadata and rows of a block as an AEM has them: its times count from EPOCH_TZERO [s]."""
+def _as_aem(meta: Mapping[str, str], block: _Block, label: str) -> AemSegment:
+    """A block as an AEM has it: its times count from EPOCH_TZERO [s]."""
     system = meta.get("TIME_SYSTEM", "")
-    stated = {key: value for key, value in block.items() if key not in _OF_BLOCK}
-    kind = block.get("ATT_TYPE", "").upper()
-    rate = block.get("RATE_TYPE", "NONE").upper()
+    stated = {key: value for key, value in block.pairs.items() if key not in _OF_BLOCK}
+    kind = block.pairs.get("ATT_TYPE", "").upper()
+    rate = block.pairs.get("RATE_TYPE", "NONE").upper()
     kind = kind.replace("EULER_ANGLES", "EULER_ANGLE")
     stated["ATTITUDE_TYPE"] = kind + _RATES.get(rate, f"/{rate}")
     stated["TIME_SYSTEM"] = system
     utc = system.upper() == "UTC"
     zero = text_to_ns(meta.get("EPOCH_TZERO", ""), utc=utc, place=lambda: f"{label}, EPOCH_TZERO")
     if zero is None:
-        raise CampaignError(
-            "the metadata lack EPOCH_TZERO", where=label, advice="add the line EPOCH_TZERO = ..."
-        )
+        what, advice = "the metadata lack EPOCH_TZERO", "add the line EPOCH_TZERO = ..."
+        raise CampaignError(what, where=label, advice=advice)
     tai = int(utc_to_tai(np.array(zero[0]))) if utc else zero[0]
 
     def stamp(cell: str) -> str:
@@ -179,15 +170,15 @@ def _as_aem(
             return cell  # A date.
         return str(_ZERO + np.timedelta64(tai_to_utc(ns) if utc else ns, "ns"))
 
-    return stated, tuple((stamp(row[0]), *row[1:]) for row in rows)
+    rows = [CellRow(line, (stamp(first), *rest)) for line, (first, *rest) in block.rows]
+    return AemSegment("2.0", stated, tuple(rows))
 
 
 def _pair(line: str, where: str) -> tuple[str, str]:
     match = _PAIR.fullmatch(line)
     if match is None:
-        raise CampaignError(
-            f"{line[:40]!r} is no KEYWORD = value", where=where, advice="mend or remove the line"
-        )
+        what = f"{line[:40]!r} is no KEYWORD = value"
+        raise CampaignError(what, where=where, advice="mend or remove the line")
     return match[1].upper(), _UNIT.sub("", match[2])
 
 
@@ -224,17 +215,16 @@ def _xml_segment(node: ElementTree.Element, version: str, label: str) -> AemSegm
         for leaf in part:
             if _tag(leaf) != "COMMENT":
                 _add(meta, _tag(leaf), (leaf.text or "").strip(), label)
-    rows: list[tuple[str, ...]] = []
+    rows: list[CellRow] = []
     names: tuple[str, ...] = ()
     for index, state in enumerate(s for s in node.iter() if _tag(s) == "attitudeState"):
         cells = _xml_cells(state, f"{label}, attitude {index + 1}")
         own = tuple(name for name in cells if name != "EPOCH")
         names = names or own
         what = "an attitude has other components than the first, or no EPOCH"
-        alike = own == names and "EPOCH" in cells
-        require(alike, f"{label}, attitude {index + 1}", what, _ADVICE)
-        rows.append((cells["EPOCH"], *(cells[name] for name in names)))
-    return AemSegment(version, meta, tuple(rows), (), names)
+        require(own == names and "EPOCH" in cells, f"{label}, attitude {index + 1}", what, _ADVICE)
+        rows.append(CellRow(0, (cells["EPOCH"], *(cells[name] for name in names))))
+    return AemSegment(version, meta, tuple(rows), names)
 
 
 def _xml_cells(state: ElementTree.Element, where: str) -> dict[str, str]:

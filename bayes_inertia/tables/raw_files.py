@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,30 +25,23 @@ from bayes_inertia.tables.text_cells import TextOptions, content, packing
 from bayes_inertia.tables.text_table import logged_column, read_42, read_text_table
 from bayes_inertia.tables.time_stamps import time_names
 
-# Names in small letters, without signs at their ends.
-_PARAMETER = re.compile(
-    r"(.*[ _.])?(parameter|param|field|metric|mnemonic|channel|signal|variable|series|tag|key|item|"
-    r"point|measurand|measurement|sensor|quantity|topic|name|id)([ _]?(name|id))?"
-)
-_VALUE = re.compile(r"(.*[ _.])?(value|val|reading)s?")
-_RAW = re.compile(r"(.*[ _.])?raw[ _.]?.*")
-_UNIT = re.compile(r"(.*[ _.])?units?")
-_NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity|unit|time|date).*")
+_NAMES = {key: re.compile(name) for key, name in vocabulary("tables")["one_row_a_time"].items()}
 
 
 def one_row_a_time(table: Table) -> Table:
     """A table whose rows each hold one parameter, with a column a parameter; others as they are."""
     bare = {name: name.lower().strip("_ ") for name in table.columns}
-    parameters = [name for name in bare if _PARAMETER.fullmatch(bare[name])]
-    values = [name for name in bare if _VALUE.fullmatch(bare[name])]
-    values.sort(key=lambda name: bool(_RAW.fullmatch(bare[name])))
+    parameters = [name for name in bare if _NAMES["parameter"].fullmatch(bare[name])]
+    values = [name for name in bare if _NAMES["value"].fullmatch(bare[name])]
+    values.sort(key=lambda name: bool(_NAMES["raw"].fullmatch(bare[name])))
     times = time_names(table)
     parameters = [name for name in parameters if name not in (*times, *values)]
     if not (parameters and values and times and table.rows):
         return table
     named = _named_by(table, parameters, {*times, *values})
     tags = [table.column(name).texts for name in named]
-    units = next((c.texts for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), [])
+    of_units = [name for name in bare if _NAMES["unit"].fullmatch(bare[name])]
+    units = table.column(of_units[0]).texts if of_units else []
     labels = _with_units([".".join(cells) for cells in zip(*tags, strict=True)], units)
     if len(set(labels)) > LIMITS.most_parameters or set(labels) & set(times):
         return table
@@ -72,7 +66,7 @@ def _named_by(table: Table, parameters: Sequence[str], others: set[str]) -> list
         for name, column in table.columns.items()
         if name not in (*parameters, *others)
         and column.is_text
-        and not _NO_LABEL.fullmatch(name.lower())
+        and not _NAMES["no_label"].fullmatch(name.lower())
     ]
     texts = [n for n in parameters if table.column(n).is_text] or list(parameters[:1])
     several = [name for name in (*tags, *texts[::-1]) if len(set(table.column(name).texts)) > 1]
@@ -86,13 +80,13 @@ def _rows(stamps: Sequence[tuple], labels: Sequence[str]) -> tuple[np.ndarray, l
     parameter follows the other the rows are brought into the order of their times, unless the
     times of a parameter go back themselves.
     """
-    counts: dict[tuple, int] = {}
+    counts: Counter[tuple] = Counter()
     members: dict[tuple, list[int]] = {}
     last: dict[str, tuple] = {}
     forward = True
     for index, (stamp, label) in enumerate(zip(stamps, labels, strict=True)):
-        counts[stamp, label] = counts.get((stamp, label), -1) + 1
         members.setdefault((stamp, counts[stamp, label]), []).append(index)
+        counts[stamp, label] += 1
         forward = forward and last.get(label, stamp) <= stamp
         last[label] = stamp
     rows, first = np.zeros(len(labels), dtype=int), []
@@ -115,12 +109,10 @@ def _spread(column: Column, own: np.ndarray, rows: np.ndarray, count: int, unit:
 
 def _with_units(labels: Sequence[str], units: Sequence[str]) -> list[str]:
     """Labels of rows, with the unit of the row where one parameter has several."""
-    stated: dict[str, set[str]] = {}
-    for label, unit in zip(labels, units, strict=False):
-        stated.setdefault(label, set()).update([] if is_empty(unit) else [unit])
-    several = {label for label, own in stated.items() if len(own) > 1}
+    stated = {both for both in zip(labels, units, strict=False) if not is_empty(both[1])}
+    counts = Counter(label for label, _ in stated)
     return [
-        f"{label} [{units[k]}]" if label in several else label for k, label in enumerate(labels)
+        f"{label} [{units[k]}]" if counts[label] > 1 else label for k, label in enumerate(labels)
     ]
 
 
@@ -209,8 +201,7 @@ def read_raw(
     held = _arrays(file, form)
     if held is not None:
         return one_row_a_time(array_tables.table_of(held, str(file), table=table, columns=columns))
-    advice = "the file is one table: name none"
-    require(not table, str(file), f"no table {table!r}", advice)
+    require(not table, str(file), f"no table {table!r}", "the file is one table: name none")
     if form == "42":
         return read_42(file)
     if form == "json":

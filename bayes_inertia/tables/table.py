@@ -234,8 +234,7 @@ def no_column(name: str, available: Sequence[str], where: str, why: str = "") ->
     near = difflib.get_close_matches(name, available, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     what = f"no column {name!r}{why}"
-    advice = f"{hint}The table has: {_listed(available)}"
-    return CampaignError(what, where=where, advice=advice)
+    return CampaignError(what, where=where, advice=f"{hint}The table has: {_listed(available)}")
 
 
 def negated_name(name: str) -> str:

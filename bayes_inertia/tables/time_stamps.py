@@ -40,12 +40,8 @@ from bayes_inertia.tables.table import Column, Table, is_empty
 
 # What ends a name, without signs and in small letters -> unit.
 _UNITS = by_word(vocabulary("tables")["endings"])
-_TIME = re.compile(
-    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|sow|sod|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
-    r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
-)
-# Where no column is called a time, one that ends so: RECEIVED_TIMESECONDS, generation_time.
-_LATER_TIME = re.compile(r".*(time|stamp)(seconds|formatted|[_ ]?(utc|tai|gps|[mun]?s))?")
+_NAMED = vocabulary("tables")["names_of_times"]
+_TIME, _LATER_TIME = re.compile(_NAMED["first"]), re.compile(_NAMED["later"])
 # Units of parts of a stamp, the coarsest first.
 _ORDER = ("week", "year", "month", "doy", "day", "h", "min", "s", "ms", "us", "ns")
 _FINE = frozenset({"fine", "frac", "fraction", "sub", "subsec", "subsecs", "subseconds", "ticks"})
@@ -264,8 +260,7 @@ def times_to_seconds(
         resolution = 1.0 / SECOND
     else:
         ns, missing, resolution = _from_counts(table, names, kind, units, gps_rollovers, first_day)
-    absolute = kind not in FREE_CLOCKS
-    stamps = TimeStamps(np.where(missing, 0, ns), missing, absolute, resolution)
+    stamps = TimeStamps(np.where(missing, 0, ns), missing, kind not in FREE_CLOCKS, resolution)
     _check_years(table, names, kind, stamps)
     _check_steps(table, names, stamps)
     return stamps

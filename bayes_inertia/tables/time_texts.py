@@ -35,10 +35,7 @@ _FORMS = tuple(
         r"(?P<month>[A-Za-z]{3,9})[-/. ]+(?P<day>\d{1,2})[-/, ]+(?P<year>\d{4})",
     )
 )
-_MONTHS = (
-    "january", "february", "march", "april", "may", "june",
-    "july", "august", "september", "october", "november", "december",
-)  # fmt: skip
+_MONTHS = vocabulary("tables")["months"]["names"].split()
 # What each directive of a `format` stands for.
 _DIRECTIVES: Mapping[str, str] = vocabulary("tables")["directives"]
 _CALENDAR = ("year", "month", "day", "doy")
