@@ -84,18 +84,16 @@ def _table(table: Any, place: str) -> list[Part]:
     units += [""] * (len(table.columns) - len(units))
     parts = []
     if table.index.dtype.kind in "mM" or getattr(table.index, "tz", None) is not None:
-        parts.append(_dates(table.index.to_series(), f"{place}/{table.index.name or 'Time'}"))
+        parts.append(_series(table.index.to_series(), f"{place}/{table.index.name or 'Time'}"))
     for name, unit in zip(table.columns, units, strict=False):
-        column, inner = table[name], f"{place}/{name}"
-        dated = getattr(column.dtype, "tz", None) is not None
-        parts.append(_dates(column, inner) if dated else _column(column.to_numpy(), inner, unit))
+        parts.append(_series(table[name], f"{place}/{name}", unit))
     return parts
 
 
-def _dates(column: Any, place: str) -> Part:
-    """Dates and durations; those with a time zone as dates in UTC."""
+def _series(column: Any, place: str, unit: str = "") -> Part:
+    """A column of a table; dates with a time zone in UTC."""
     if getattr(column.dtype, "tz", None) is None:
-        return _column(column.to_numpy(), place)
+        return _column(column.to_numpy(), place, unit)
     dates = np.datetime_as_string(column.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy())
     return place, np.char.add(dates.astype(str), "Z"), ""
 
@@ -234,11 +232,9 @@ def _visit_dataset(item: Any, place: str, into: FileArrays, load: bool) -> None:
         into.closed[place] = "a link to another file"
     elif "MATLAB_object_decode" in item.attrs or matlab in ("string", "table", "timetable"):
         into.closed[place] = f"a MATLAB {matlab} object"
-    elif load:
-        if item.dtype.kind == "O" and item.dtype.metadata and "ref" in item.dtype.metadata:
-            return
-        value = item.asstr()[()] if item.dtype.metadata and "vlen" in item.dtype.metadata else None
-        into.add(place, item[()] if value is None else value, _unit(item.attrs))
+    elif load and "ref" not in (item.dtype.metadata or {}):
+        texts = "vlen" in (item.dtype.metadata or {})
+        into.add(place, (item.asstr() if texts else item)[()], _unit(item.attrs))
 
 
 def read_netcdf(path: str, into: FileArrays) -> None:
@@ -316,10 +312,8 @@ def _add_struct(struct: dict[str, Any], place: str, into: FileArrays, depth: int
     if depth > LIMITS.deepest:
         raise FileError(f"{place} is nested too deeply")
     for name, value in struct.items():
-        if name.startswith(("__", "#")):
-            continue
         inner = f"{place}/{name}" if place else name
-        if inner in into.closed:
+        if name.startswith(("__", "#")) or inner in into.closed:
             continue
         if isinstance(value, dict):
             _add_struct(value, inner, into, depth + 1)

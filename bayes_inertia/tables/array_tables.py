@@ -17,7 +17,6 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
-from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -61,8 +60,7 @@ def _unreadable(error: Exception, what: str, label: str, advice: str) -> Campaig
 
 def _unit(field: Any) -> str:
     metadata = field.metadata or {}
-    text = metadata.get(b"units", metadata.get(b"unit", b""))
-    return text.decode("utf-8", "replace")
+    return metadata.get(b"units", metadata.get(b"unit", b"")).decode("utf-8", "replace")
 
 
 def _parts(name: str, column: Any) -> dict[str, Any]:
@@ -97,19 +95,17 @@ def _add_column(held: FileArrays, name: str, values: Any, unit: str) -> None:
     if types.is_duration(kind):
         values = values.cast(pyarrow.duration("ns")).cast(pyarrow.int64())
         kind, unit = pyarrow.int64(), "ns"
-    array = None
     if types.is_timestamp(kind):
         array = _dates(values, "Z" if kind.tz else "")  # Arrow keeps stamps with a zone in UTC.
     elif (types.is_boolean(kind) or types.is_integer(kind)) and values.null_count == 0:
         array = values.to_numpy()
     elif types.is_string(kind) or types.is_large_string(kind):
-        texts = ["" if text is None else text for text in values.to_pylist()]
-        array = np.array(texts, dtype=np.dtypes.StringDType())
+        array = np.array(values.fill_null("").to_pylist(), dtype=np.dtypes.StringDType())
     elif types.is_null(kind) or types.is_decimal(kind) or types.is_primitive(kind):
         array = values.cast(pyarrow.float64(), safe=False).to_numpy()
         if kind in (pyarrow.float32(), pyarrow.float16()):
             array = array.astype(np.float32)
-    if array is None:
+    else:
         held.closed[name] = f"{kind}, no numbers"
         return
     held.arrays[name] = array
@@ -254,8 +250,7 @@ def table_of(
     """The columns of one group of a file of arrays; the group "" is the whole file."""
     match = _WITH_ROWS.fullmatch(table)
     group, rows = (match[1], int(match[2])) if match else (table, 0)
-    prefix = group.replace("/", ".").strip(".")
-    prefix = f"{prefix}." if prefix else ""
+    prefix = f"{group.replace('/', '.').strip('.')}.".lstrip(".")
     below = {p: x for p, x in held.arrays.items() if p.replace("/", ".").startswith(prefix)}
     counts = _row_counts(below)
     _check_any(counts, held, table, label)
@@ -265,11 +260,11 @@ def table_of(
         for path, name in named.items()
         if not columns or name in columns or any(c.startswith(name + "[") for c in columns)
     }
-    chosen = [path for path in counts if path in wanted and rows in (0, counts[path])]
-    _check_one_length(chosen, counts, named, table, tables_of(below), label)
+    chosen = {path: n for path, n in counts.items() if path in wanted and rows in (0, n)}
+    _check_one_length(chosen, named, table, tables_of(below), label)
     made: dict[str, Column] = {}
-    for path in chosen:
-        _add_columns(made, named[path], below[path], counts[path], held.units.get(path, ""))
+    for path, count in chosen.items():
+        made |= _columns(named[path], below[path], count, held.units.get(path, ""))
     notes = tuple(f"{path} is {what} and was not read" for path, what in held.closed.items())
     where = f"{label}, {table}" if table else label
     return Table(where, made, notes=notes)
@@ -288,21 +283,15 @@ def _check_any(counts: Mapping[str, int], held: FileArrays, table: str, label: s
 
 
 def _check_one_length(
-    chosen: Sequence[str],
-    counts: Mapping[str, int],
-    named: Mapping[str, str],
-    table: str,
-    groups: Sequence[str],
-    label: str,
+    chosen: Mapping[str, int], named: Mapping[str, str], table: str, groups: list[str], label: str
 ) -> None:
-    lengths = sorted({counts[path] for path in chosen}, reverse=True)
+    lengths = sorted(set(chosen.values()), reverse=True)
     if len(lengths) == 1:
         return
     advice = f"it has {', '.join(named.values())}"
     require(bool(lengths), label, "none of the columns is here", advice)
-    examples = ", ".join(
-        f"{named[next(p for p in chosen if counts[p] == rows)]} has {rows}" for rows in lengths[:4]
-    )
+    first = {rows: path for path, rows in reversed([*chosen.items()])}
+    examples = ", ".join(f"{named[first[rows]]} has {rows}" for rows in lengths[:4])
     prefix = f"{table} " if table else ""
     advice = f'name the table of one stream, such as "{prefix}[{lengths[0]} rows]"'
     advice += "".join(f' or "{group}"' for group in groups if group and group != table)
@@ -311,46 +300,33 @@ def _check_one_length(
 
 def _row_counts(arrays: Mapping[str, np.ndarray]) -> dict[str, int]:
     """Rows of each array that is a column or a matrix of columns."""
-    squeezed = {path: _squeezed(array) for path, array in arrays.items()}
+    # MATLAB vectors are matrices of one row or one column.
+    squeezed = {path: np.squeeze(array) for path, array in arrays.items()}
     vectors = {a.shape[0] for a in squeezed.values() if a.ndim == 1 and a.size > 1}
-    counts = {}
-    for path, array in squeezed.items():
-        if array.ndim == 0 or array.size < 2:
-            continue
-        axis = _row_axis(array.shape, vectors)
-        rows = array.shape[axis]
-        if rows > 1 and array.size // rows <= LIMITS.most_columns:
-            counts[path] = rows
-    return counts
+    long = {path: array for path, array in squeezed.items() if array.size > 1}
+    counts = {path: _rows(array.shape, vectors) for path, array in long.items()}
+    return {path: n for path, n in counts.items() if long[path].size // n <= LIMITS.most_columns}
 
 
-def _squeezed(array: np.ndarray) -> np.ndarray:
-    """Without axes of length one: MATLAB vectors are matrices of one row or one column."""
-    return array.reshape([n for n in array.shape if n != 1]) if array.ndim > 1 else array
+def _rows(shape: Sequence[int], vectors: set[int]) -> int:
+    """Length of the axis of the rows: one that a vector beside it shares, else the longer."""
+    is_last = shape[-1] in vectors or shape[-1] > shape[0]
+    return shape[-1] if is_last and shape[0] not in vectors else shape[0]
 
 
-def _row_axis(shape: Sequence[int], vectors: set[int]) -> int:
-    """The axis of the rows: one that a vector beside it shares, else the longer."""
-    if len(shape) == 1 or shape[0] in vectors:
-        return 0
-    if shape[-1] in vectors or shape[-1] > shape[0]:
-        return len(shape) - 1
-    return 0
-
-
-def _add_columns(
-    made: dict[str, Column], name: str, array: np.ndarray, rows: int, unit: str
-) -> None:
-    squeezed = _squeezed(array)
+def _columns(name: str, array: np.ndarray, rows: int, unit: str) -> dict[str, Column]:
+    """The columns of an array."""
+    squeezed = np.squeeze(array)
     if squeezed.ndim == 1:
-        made[name] = array_column(squeezed, unit)
-        return
+        return {name: array_column(squeezed, unit)}
     if squeezed.shape[0] != rows:
         squeezed = np.moveaxis(squeezed, -1, 0)
     inner = squeezed.shape[1:]
-    flat = squeezed.reshape(rows, prod(inner))
-    for number, index in enumerate(np.ndindex(*inner)):
-        made[f"{name}[{','.join(map(str, index))}]"] = array_column(flat[:, number], unit)
+    flat = squeezed.reshape(rows, -1)
+    return {
+        f"{name}[{','.join(map(str, index))}]": array_column(flat[:, k], unit)
+        for k, index in enumerate(np.ndindex(*inner))
+    }
 
 
 def array_column(values: np.ndarray, unit: str = "") -> Column:

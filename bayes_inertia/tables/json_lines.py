@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,15 +34,16 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
     """A column for each key of the objects; a key that one lacks is an empty cell."""
     cells: dict[str, list[Any]] = {}
     for index, (record, line) in enumerate(zip(records, lines, strict=True)):
-        flat: dict[str, Any] = {}
-        _flatten(record, "", flat, 0, f"{label}, line {line}")
-        for name, value in flat.items():
+        where = f"{label}, line {line}"
+        for name, value in _flattened(record, "", 0, where):
             column = cells.setdefault(name, [])
+            if len(column) > index:
+                raise CampaignError(f"two values are named {name}", where=where, advice=_ADVICE)
             column.extend([None] * (index - len(column)))
             column.append(value)
         few = len(cells) <= LIMITS.most_columns_of_json
         what = f"more than {LIMITS.most_columns_of_json} different keys"
-        require(few, f"{label}, line {line}", what, "give every line the same keys")
+        require(few, where, what, "give every line the same keys")
     require(bool(cells), label, "the file is empty", "give rows of telemetry")
     n = len(records)
     return {name: _column(given + [None] * (n - len(given))) for name, given in cells.items()}
@@ -75,11 +76,9 @@ def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:
     """The arrays of one document by path; None for an object that is one row, and other things."""
     if not isinstance(document, dict):
         return None
-    found: dict[str, np.ndarray] = {}
-    scalars: list[str] = []
-    _collect(document, "", found, scalars, label)
-    found = {name: array for name, array in found.items() if len(array) > 1}
-    stamp = Table("", {name: Column(np.zeros(1)) for name in scalars})
+    inside = dict(_collected(document, "", label))
+    found = {name: x for name, x in inside.items() if x is not None and len(x) > 1}
+    stamp = Table("", {name: Column(np.zeros(1)) for name, x in inside.items() if x is None})
     longest = max((len(array) for array in found.values()), default=0)
     if not found or (longest <= LIMITS.longest_vector and time_names(stamp)):
         return None
@@ -90,27 +89,25 @@ def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:
     return found
 
 
-def _collect(
-    value: Any, path: str, found: dict[str, np.ndarray], scalars: list[str], label: str
-) -> None:
-    """Add the arrays below a value of a document to those found, and the names of its numbers."""
+def _collected(value: Any, path: str, label: str) -> Iterator[tuple[str, np.ndarray | None]]:
+    """The arrays below a value of a document with their paths, and its numbers with None."""
     below = f"{path}/" if path else ""
     if isinstance(value, dict) and value and all(key.isdigit() for key in value):
         value = list(value.values())  # {"0": ..., "1": ...} is a list with its index.
     if isinstance(value, dict):
         for key, inner in _by_name(value).items():
-            _collect(inner, f"{below}{key}", found, scalars, label)
+            yield from _collected(inner, f"{below}{key}", label)
     elif _are_objects(value) and (len(value) == 1 or "columns" in value[0]):
         for index, row in enumerate(value):  # Series, each a table of its own.
             name = f"{below}{row.get('name', index)}" if len(value) > 1 else path
-            _collect(row, name, found, scalars, label)
+            yield from _collected(row, name, label)
     elif _are_objects(value):
         columns = _columns(value, range(1, len(value) + 1), f"{label}, key {path}")
-        found.update({f"{below}{name}": column.values for name, column in columns.items()})
+        yield from ((f"{below}{name}", column.values) for name, column in columns.items())
     elif isinstance(value, list):
-        found[path] = _array(value, f"{label}, key {path}")
+        yield path, _array(value, f"{label}, key {path}")
     elif isinstance(value, int | float):
-        scalars.append(path)
+        yield path, None
 
 
 def _are_objects(value: Any) -> bool:
@@ -184,18 +181,17 @@ def _parsed(text: str, where: str) -> Any:
         raise CampaignError(f"no JSON ({reason})", where=where, advice=_ADVICE) from error
 
 
-def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str) -> None:
+def _flattened(value: Any, name: str, depth: int, where: str) -> Iterator[tuple[str, Any]]:
+    """The values inside of objects and lists, with their names."""
     require(depth <= LIMITS.deepest, where, "nested too deeply", _ADVICE)
     if isinstance(value, dict):
         for key, item in value.items():
-            _flatten(item, f"{name}.{key}" if name else key, flat, depth + 1, where)
+            yield from _flattened(item, f"{name}.{key}" if name else key, depth + 1, where)
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _flatten(item, f"{name}[{index}]", flat, depth + 1, where)
-    elif name in flat:
-        raise CampaignError(f"two values are named {name}", where=where, advice=_ADVICE)
+            yield from _flattened(item, f"{name}[{index}]", depth + 1, where)
     else:
-        flat[name] = value
+        yield name, value
 
 
 def _column(values: list[Any]) -> Column:
