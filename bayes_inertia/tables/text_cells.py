@@ -92,11 +92,8 @@ def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple
     cut = [number for number in zeros if lines[number - 1].strip("\0 \t")]
     kept = ["" if "\0" in line else line for line in lines]
     whole = sum(bool(line.strip()) for line in kept)
-    if (
-        len(cut) > max(LIMITS.most_cut_lines, whole // 20)
-        or not whole
-        or _CONTROL.search("".join(kept))
-    ):
+    damaged = not whole or len(cut) > max(LIMITS.most_cut_lines, whole // 20)
+    if damaged or _CONTROL.search("".join(kept)):
         raise _zero_bytes(lines, label)
     where = f"line{'s' * (len(zeros) > 1)} {', '.join(map(str, zeros[:5]))}"
     gone = f"{len(cut)} line{'s' * (len(cut) > 1)} cut left out" if cut else "left out"
@@ -182,21 +179,15 @@ def split_rows(
             bare = " " not in line and line.isprintable()
             yield CellRow(number, tuple(cells if bare else map(str.strip, cells)))
         return
-    taken: list[int] = []
-
-    def feed() -> Iterator[str]:
-        for number, line in lines:
-            taken.append(number)
-            yield line + "\n"
-
-    reader = csv.reader(feed(), delimiter=delimiter, strict=True, skipinitialspace=True)
+    written, first = (f"{line}\n" for _, line in lines), 0
+    reader = csv.reader(written, delimiter=delimiter, strict=True, skipinitialspace=True)
     try:
         for cells in reader:
-            yield CellRow(taken[0], tuple([cell.strip() for cell in cells]))
-            taken.clear()
+            yield CellRow(lines[first][0], tuple([cell.strip() for cell in cells]))
+            first = reader.line_num
     except csv.Error as error:
         what = f"the cells cannot be told apart ({error})"
-        where = f"{label}, line {taken[0] if taken else 1}"
+        where = f"{label}, line {lines[first][0]}"
         advice = "close every quote, or remove the quotes"
         raise CampaignError(what, where=where, advice=advice) from error
 
@@ -229,10 +220,11 @@ class TextOptions:
 
 
 class TextForm(NamedTuple):
-    """Separator of the cells of a text (a character, or "whitespace"), and the decimal sign."""
+    """How the rows of a text are written."""
 
-    delimiter: str
-    decimal: str
+    delimiter: str  # What separates cells: a character, or "whitespace"
+    decimal: str  # The decimal sign
+    width: int = 0  # The usual number of cells; 0 where it is not known yet
 
 
 def is_reading(cell: str, decimal: str) -> bool:

@@ -38,6 +38,7 @@ from bayes_inertia.tables.text_cells import (
 
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
 _NUMBER_AND_UNIT = re.compile(r"([-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)")
+_Head = tuple[CellRow | None, CellRow | None]  # The rows of names and of units.
 _UNIT_WORDS = frozenset(vocabulary("tables")["units"]["words"].split())
 
 
@@ -57,17 +58,17 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
     require(bool(lines), label, "the file is empty", "give rows of telemetry")
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
-    count = usual_width([row.cells for row in rows[-_judged(rows) :]])
-    rows, notes = _without_end([_trimmed(row, count) for row in rows], count, form.decimal, text)
+    form = form._replace(width=usual_width([row.cells for row in rows[-_judged(rows) :]]))
+    rows, notes = _without_end([_trimmed(row, form.width) for row in rows], form, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
-    first = _first_data_row(rows, count, form.decimal, stated, label)
-    head = _head(rows[:first], comments, rows[first].line, count, form, options)
-    _check_no_row_is_lost(rows[:first], head, form.decimal, label)
-    names, unit_cells = (_padded(row, count) for row in head)
+    first = _first_data_row(rows, form, stated, label)
+    head = _head(rows[:first], comments, rows[first].line, form, options)
+    _refuse_lost_row(rows[:first], head, form, label)
+    names, unit_cells = (_padded(row, form.width) for row in head)
     both = zip(unit_cells, names, strict=True)
     units = [_unit(cell) or _unit_in_name(name) for cell, name in both]
     below, repeated = _without_heads(rows[first:], head)
-    names = _without_last_blank(_own_names(names), below, count)
+    names = _without_last_blank(_own_names(names), below, form.width)
     for row in below:
         if len(row.cells) < len(names) or any(row.cells[len(names) :]):
             what = f"{len(row.cells)} cells, but the table has {len(names)} columns"
@@ -92,33 +93,32 @@ def _trimmed(row: CellRow, count: int) -> CellRow:
 
 
 def _without_end(
-    rows: list[CellRow], count: int, decimal: str, text: str
+    rows: list[CellRow], form: TextForm, text: str
 ) -> tuple[list[CellRow], tuple[str, ...]]:
     """Rows without a footer, or a last row that breaks off where a logger lost power; notes."""
     if len(rows) < LIMITS.few_rows:
         return rows, ()
     begins = [row.cells[0] for row in rows[-_judged(rows) :]]
-    most = LIMITS.most_footer_lines if _holds_readings(begins, decimal) else 0
+    most = LIMITS.most_footer_lines if _holds_readings(begins, form) else 0
     last = rows[-1 - most :]
-    is_footer = [_is_footer(row.cells, count, decimal) for row in last]
+    is_footer = [_is_footer(row.cells, form) for row in last]
     gone = is_footer[::-1].index(False) if False in is_footer else 0
     if gone:
         lines = ", ".join(str(row.line) for row in rows[-gone:])
         return rows[:-gone], (f"a footer in line {lines} was left out",)
-    if len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
+    if len(rows[-1].cells) >= form.width or text.endswith(("\n", "\r")):
         return rows, ()
     return rows[:-1], (f"line {rows[-1].line}, the last, breaks off and was left out",)
 
 
-def _is_footer(cells: Sequence[str], count: int, decimal: str) -> bool:
+def _is_footer(cells: Sequence[str], form: TextForm) -> bool:
     """Whether words begin a row that has no readings, or not as many cells as others."""
-    word = not is_empty(cells[0]) and not is_reading(cells[0], decimal)
-    return word and (len(cells) != count or not any(is_reading(c, decimal) for c in cells))
+    readings = [is_reading(cell, form.decimal) for cell in cells]
+    word = not is_empty(cells[0]) and not readings[0]
+    return word and (len(cells) != form.width or not any(readings))
 
 
-def _without_heads(
-    rows: list[CellRow], head: Sequence[CellRow | None]
-) -> tuple[list[CellRow], tuple[str, ...]]:
+def _without_heads(rows: list[CellRow], head: _Head) -> tuple[list[CellRow], tuple[str, ...]]:
     """Rows without repeated names and units, as of files that were put together."""
     cells = {row.cells for row in head if row}
     kept = [row for row in rows if row.cells not in cells]
@@ -131,14 +131,12 @@ def _padded(row: CellRow | None, count: int) -> list[str]:
     return cells + [""] * (count - len(cells))
 
 
-def _check_no_row_is_lost(
-    above: Sequence[CellRow], head: Sequence[CellRow | None], decimal: str, label: str
-) -> None:
+def _refuse_lost_row(above: Sequence[CellRow], head: _Head, form: TextForm, label: str) -> None:
     """Refuse a damaged row of telemetry that would pass for one of metadata."""
     last = max((row.line for row in head if row), default=0)
     for row in above:
-        readings = any(is_reading(cell, decimal) for cell in row.cells)
-        lost = readings if last else _holds_readings(row.cells, decimal)
+        readings = any(is_reading(cell, form.decimal) for cell in row.cells)
+        lost = readings if last else _holds_readings(row.cells, form)
         what = f"{len(row.cells)} cells that do not fit the columns"
         advice = "mend or remove the line; a line of metadata can begin with #"
         require(row.line <= last or not lost, f"{label}, line {row.line}", what, advice)
@@ -149,46 +147,43 @@ def _judged(rows: Sequence[CellRow]) -> int:
     return min(LIMITS.sample_rows, (len(rows) + 1) // 2)
 
 
-def _first_data_row(
-    rows: Sequence[CellRow], count: int, decimal: str, below: int, label: str
-) -> int:
+def _first_data_row(rows: Sequence[CellRow], form: TextForm, below: int, label: str) -> int:
     """The first row below a line most of whose cells in columns of readings hold readings.
 
     Where there are no names (-1), it is one below no line, and may be empty of readings.
     """
-    judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == count]
-    columns = [i for i in range(count) if _holds_readings([cells[i] for cells in judged], decimal)]
+    judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == form.width]
+    columns = [i for i, own in enumerate(zip(*judged, strict=True)) if _holds_readings(own, form)]
     for index, row in enumerate(rows):
-        if row.line <= below or len(row.cells) != count:
+        if row.line <= below or len(row.cells) != form.width:
             continue
         cells = [row.cells[i] for i in columns]
         # Where the mapping says that there are no names, a row of empty cells is one of telemetry.
-        if _holds_readings(cells, decimal) or (below < 0 and all(map(is_empty, cells))):
+        if _holds_readings(cells, form) or (below < 0 and all(map(is_empty, cells))):
             return index
     advice = "give rows of telemetry below the names; state delimiter and decimal sign in the "
     advice += "mapping if they were misread"
     raise CampaignError("no row of numbers", where=label, advice=advice)
 
 
-def _holds_readings(cells: Sequence[str], decimal: str) -> bool:
+def _holds_readings(cells: Sequence[str], form: TextForm) -> bool:
     full = [cell for cell in cells if not is_empty(cell)]
-    return bool(full) and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full)
+    return bool(full) and 2 * sum(is_reading(cell, form.decimal) for cell in full) > len(full)
 
 
 def _head(
     above: Sequence[CellRow],
     comments: dict[int, str],
     data_line: int,
-    count: int,
     form: TextForm,
     options: TextOptions,
-) -> tuple[CellRow | None, CellRow | None]:
+) -> _Head:
     """The row of names and the row of units above the data."""
     stated = {row.line: row for row in above}
     for line in (options.header_line, options.units_line):
         if line in comments:
-            stated[line] = _commented(comments, line, form, count)
-    names, units = _told_head(above, comments, data_line, count, form)
+            stated[line] = _commented(comments, line, form)
+    names, units = _told_head(above, comments, data_line, form)
     if options.header_line:
         names = stated.get(options.header_line)
     if options.units_line:
@@ -196,25 +191,25 @@ def _head(
     return names, units
 
 
-def _commented(comments: dict[int, str], line: int, form: TextForm, count: int) -> CellRow:
+def _commented(comments: dict[int, str], line: int, form: TextForm) -> CellRow:
     rows = split_rows([(line, comments[line])], form.delimiter)
-    return _trimmed(next(iter(rows), CellRow(line, ())), count)
+    return _trimmed(next(iter(rows), CellRow(line, ())), form.width)
 
 
 def _told_head(
-    above: Sequence[CellRow], comments: dict[int, str], data_line: int, count: int, form: TextForm
-) -> tuple[CellRow | None, CellRow | None]:
+    above: Sequence[CellRow], comments: dict[int, str], data_line: int, form: TextForm
+) -> _Head:
     """The rows of names and of units, where the file has them."""
     # Spreadsheets pad rows of metadata with empty cells; a last comma may be missing.
     full = [
         row
         for row in above
-        if len(row.cells) in (count, count - 1)
-        and (2 * sum(map(bool, row.cells)) > count or _is_units(row.cells))
+        if len(row.cells) in (form.width, form.width - 1)
+        and (2 * sum(map(bool, row.cells)) > form.width or _is_units(row.cells))
         and not any(is_reading(cell, form.decimal) for cell in row.cells)
     ]
     if not full:
-        full = _commented_head(comments, data_line, count, form)
+        full = _commented_head(comments, data_line, form)
     if len(full) > 1 and _is_units(full[-1].cells):
         return full[-2], full[-1]
     if len(full) > 1 and _is_units(full[-2].cells):
@@ -222,14 +217,12 @@ def _told_head(
     return (full[-1], None) if full else (None, None)
 
 
-def _commented_head(
-    comments: dict[int, str], data_line: int, count: int, form: TextForm
-) -> list[CellRow]:
+def _commented_head(comments: dict[int, str], data_line: int, form: TextForm) -> list[CellRow]:
     """Comments right above the data that look like names and units, as numpy writes them."""
     full: list[CellRow] = []
     for line in sorted((n for n in comments if n < data_line), reverse=True):
-        row = _commented(comments, line, form, count)
-        if len(row.cells) == count and not _holds_readings(row.cells, form.decimal):
+        row = _commented(comments, line, form)
+        if len(row.cells) == form.width and not _holds_readings(row.cells, form):
             full.insert(0, row)
             if not _is_units(row.cells):
                 break
@@ -321,11 +314,9 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
         if not all(map(is_empty, texts)):
             return Column(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
-    finite = np.abs(values[np.isfinite(values)])
-    if finite.size and finite.max() >= LIMITS.lossy_size:
-        digits = max(sum(c.isdigit() for c in cell) for cell in points)
-        if digits > LIMITS.lossy_digits:
-            return Column(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
+    large = np.abs(values[np.isfinite(values)]).max(initial=0.0) >= LIMITS.lossy_size
+    if large and max(sum(c.isdigit() for c in cell) for cell in points) > LIMITS.lossy_digits:
+        return Column(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
     return Column(values, unit)
 
 
@@ -371,11 +362,9 @@ def _stamps(path: Path, rows: int) -> dict[str, Column]:
 
 def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, ...]:
     """Say where the six decimals that 42 writes leave few digits."""
-    if stem not in ("Hwhl", "MTB", "Thr"):
-        return ()
     numbers = (c.values for c in columns.values() if not c.is_text)
     size = max((float(np.abs(x).max()) for x in numbers), default=0.0)
-    if size >= 10.0 ** (LIMITS.least_digits - 6):
+    if stem not in ("Hwhl", "MTB", "Thr") or size >= 10.0 ** (LIMITS.least_digits - 6):
         return ()
     return (
         f"{path.name}: 42 writes six decimals, so a reading of up to {size:.3g} "
@@ -391,8 +380,7 @@ def _utc(path: Path) -> Table:
         match = _UTC_OF_42.fullmatch(line)
         if match is None:
             what = f"{line.strip()[:40]!r} is no time as 42 writes it"
-            advice = "write it again"
-            raise CampaignError(what, where=f"{path}, line {number}", advice=advice)
+            raise CampaignError(what, where=f"{path}, line {number}", advice="write it again")
         parts = [part.zfill(2) for part in match.groups()]
         texts.append(f"{'-'.join(parts[:3])}T{':'.join(parts[3:])}Z")
         numbers.append(number)
