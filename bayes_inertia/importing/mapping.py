@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError, require
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
@@ -46,7 +47,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     refuse_open_questions(document, label)
     _refuse_few_axes(document, label)
     complete = with_si_hardware(with_alike_wheels(document, label), label)
-    mapping = _with_epochs(checked_document(complete, label, MappingPart))
+    mapping = checked_document(complete, label, MappingPart)
     _check_streams(mapping, label)
     _check_cut(mapping, label)
     for stream in mapping.streams:
@@ -59,7 +60,8 @@ def parse_mapping(text: str, label: str) -> MappingPart:
             _check_mounting(stream, mapping, where)
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
-    return mapping.model_copy(update={"streams": [_with_signs(x) for x in mapping.streams]})
+    streams = [_with_epoch(_with_signs(stream), mapping.epoch) for stream in mapping.streams]
+    return mapping.model_copy(update={"streams": streams})
 
 
 def _with_signs(stream: MappedStream) -> MappedStream:
@@ -73,15 +75,12 @@ def _with_signs(stream: MappedStream) -> MappedStream:
     return stream.model_copy(update={"names": names, **numbers})
 
 
-def _with_epochs(mapping: MappingPart) -> MappingPart:
-    """The mapping with its epoch at every stream that counts from a zero and states none."""
-    streams = []
-    for stream in mapping.streams:
-        time = stream.time
-        if not time.epoch and (time.kind in FREE_CLOCKS or time.rate_hz is not None):
-            time = time.model_copy(update={"epoch": mapping.epoch})
-        streams.append(stream.model_copy(update={"time": time}))
-    return mapping.model_copy(update={"streams": streams})
+def _with_epoch(stream: MappedStream, epoch: str) -> MappedStream:
+    """The stream with the epoch of all, if it counts from a zero and states none."""
+    time = stream.time
+    if time.epoch or not (time.kind in FREE_CLOCKS or time.rate_hz is not None):
+        return stream
+    return stream.model_copy(update={"time": time.model_copy(update={"epoch": epoch})})
 
 
 def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
@@ -138,8 +137,7 @@ def _check_cut(mapping: MappingPart, label: str) -> None:
     for key, used_by in used.items():
         ignored = getattr(cut, key) is not None and how not in used_by
         what = "is not used here" if how is None else f"is not used where {how} cut the log"
-        advice = f'leave it out, or write by = "{used_by[0]}"'
-        require(not ignored, f"{where}.{key}", what, advice)
+        require(not ignored, f"{where}.{key}", what, f'leave it out, or write by = "{used_by[0]}"')
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
@@ -165,11 +163,10 @@ def _check_columns(stream: MappedStream, text: str, label: str) -> None:
     lines = [n for n, line in stated if doubled in line] or [n for n, _ in stated]
     line = f"line {lines[0]}, " if lines else ""
     of_time = doubled in stream.time.names
-    raise CampaignError(
-        f"the column {doubled!r} is named {'as time and as reading' if of_time else 'twice'}",
-        where=f"{label}, {line}key streams.{stream.holds}.names",
-        advice="name for each element the column that holds it, in their order",
-    )
+    what = f"the column {doubled!r} is named {'as time and as reading' if of_time else 'twice'}"
+    where = f"{label}, {line}key streams.{stream.holds}.names"
+    advice = "name for each element the column that holds it, in their order"
+    raise CampaignError(what, where=where, advice=advice)
 
 
 def _check_numbers(stream: MappedStream, where: str) -> None:
@@ -276,18 +273,8 @@ def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
     return document | {"wheels": complete}
 
 
-_RATE_KEYS = ("sigma", "range", "bias", "bias_sigma", "bias_instability")
 # Table, key and quantity of what may carry a unit.
-_QUANTITIES: Mapping[str, Mapping[str, str]] = {
-    "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
-    "star_tracker": dict.fromkeys(("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"),
-    "wheels": {
-        "spin_inertia": "spin_inertia",
-        "max_torque": "wheel_torque",
-        "max_momentum": "wheel_momentum",
-        "momentum_sigma": "wheel_momentum",
-    },
-}
+_QUANTITIES = {part: by_word(keys) for part, keys in vocabulary("importing")["hardware"].items()}
 _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 
 

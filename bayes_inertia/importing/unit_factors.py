@@ -29,6 +29,7 @@ QUANTITIES: Mapping[str, Sequence[str]] = {
 
 _ONE = frozenset({"1", "-", "", "none", "unitless", "dimensionless"})
 
+_SIGNS = str.maketrans(_SPELLED["signs"])
 # Whole words that pint reads otherwise or not at all, in small letters.
 _WORDS = by_word(_SPELLED["words"])
 _NEWTON_METRE = re.compile(r"([munkcµμ]?)N([cm]?m)(s?)")
@@ -36,9 +37,7 @@ _JOULE_SECOND = re.compile(r"([munkµμ]?)J(s)")
 # Of a wheel these count turns; 1/s is left open.
 _TURNS = re.compile(r"(min|minute|hertz|Hz)\b")
 
-_ANGLES = frozenset(
-    {"radian", "degree", "arcminute", "arcsecond", "milliarcsecond", "turn", "grade"}
-)
+_ANGLES = frozenset(_SPELLED["angles"]["words"].split())
 _OF_ANGLES = frozenset({"angle", "rate", "wheel_speed"})
 
 
@@ -84,10 +83,7 @@ def spelled_for_pint(unit: str) -> str:
         text = text.lower()
     text = re.sub(r"(?<=[a-z])Per(?=[A-Z])|[\s_]+per[\s_]+", "/", text)
     text = re.sub("(?i)arc[-_ ](?=sec|min)", "arc", text.replace("''", "″"))
-    text = re.sub('["″]', "arcsec", re.sub("['′]", "arcmin", text))
-    text = re.sub("[º˚]", "°", f"1{text}" if text.startswith("/") else text)
-    text = re.sub("[²³]", lambda match: "^2" if match[0] == "²" else "^3", text)
-    text = re.sub("[\u00b7\u22c5\u2022]", "*", text.replace("\u2212", "-").replace("°", "deg"))
+    text = (f"1{text}" if text.startswith("/") else text).translate(_SIGNS)
     text = re.sub(r"(?<=[A-Za-z])[.\-_](?=[A-Za-z])", "*", text)  # N.m, N-m, N_m
     text = text.replace("**", "^")
     text = re.sub(r"([A-Za-z])\^?\(?(-?\d+)\)?", r"\1^\2", text)  # m2, s-1, s^(-1)
@@ -134,10 +130,8 @@ def unit_factor(quantity: str, unit: str) -> float:
         try:
             factor = _factor(quantity, spelled)
         except pint.DimensionalityError:
-            words = "|".join(_SPELLED["second_meanings"])
-            other = re.sub(
-                rf"\b({words})\b", lambda word: _SPELLED["second_meanings"][word[0]], spelled
-            )
+            meant = _SPELLED["second_meanings"]
+            other = re.sub(rf"\b({'|'.join(meant)})\b", lambda word: meant[word[0]], spelled)
             factor = _factor(quantity, other)
     except pint.DimensionalityError as error:
         article = "an" if quantity == "angle" else "a"
