@@ -72,9 +72,8 @@ def _groups(
         for match in re.finditer("|".join(sorted(map(re.escape, members), key=len)[::-1]), stem):
             before, after = stem[: match.start()], stem[match.end() :]
             # A letter inside a word is no index.
-            if re.match(r"[a-z0-9]", after) and not re.match(r"[a-z]?$", before):
-                continue
-            groups.setdefault((f"{before}*{after}", unit), {})[match[0]] = name
+            if not re.match(r"[a-z0-9]", after) or re.match(r"[a-z]?$", before):
+                groups.setdefault((f"{before}*{after}", unit), {})[match[0]] = name
     return [
         (template, [found[m] for m in members if m in found], unit)
         for (template, unit), found in groups.items()
@@ -112,7 +111,8 @@ def _vectors(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]
     # Of [0] to [3] all four are meant, not [1] to [3].
     for members, template, names, unit in sorted(candidates, key=lambda c: -len(c[2])):
         names = [name for name in names if name not in taken]
-        family = _vector(template, names, unit, columns, file, members)
+        stated = columns[names[0]].unit if names else ""
+        family = _vector(template, names, (unit, stated), file, members)
         if family is not None:
             yield family
             taken |= set(names)
@@ -122,35 +122,32 @@ def _single_wheels(columns: Mapping[str, Column], file: str) -> Iterator[ColumnF
     """Columns of a single wheel."""
     seen: set[str] = set()
     for name, (stem, unit) in _stems(columns).items():
-        family = _vector(stem, [name], unit, columns, file, ("",))
+        family = _vector(stem, [name], (unit, columns[name].unit), file, ("",))
         if family is not None and family.holds not in seen:
             yield family
             seen.add(family.holds)
 
 
 def _vector(
-    template: str,
-    names: list[str],
-    unit: str,
-    columns: Mapping[str, Column],
-    file: str,
-    members: Sequence[str],
+    template: str, names: list[str], units: tuple[str, str], file: str, members: Sequence[str]
 ) -> ColumnFamily | None:
-    """Content of columns of one template; None if the names do not say it."""
-    stated = columns[names[0]].unit if names else ""
+    """Content of columns of one template; None if the names do not say it.
+
+    `units`: the one with which the names end, and the one that the file states.
+    """
     text = re.sub(r"[./]0$", "", template.replace("*", "")).strip("_ .[]/")
     if _OTHER.fullmatch(text):
         return None
     if members[0] in ("roll", "phi") and len(names) == 3 and not _SETPOINT.fullmatch(file.lower()):
         # Yaw first is the usual sequence.
-        return ColumnFamily("attitude", tuple(reversed(names)), unit, stated, form="euler")
-    if "sigma" in text and len(names) == 3 and not unit:
+        return ColumnFamily("attitude", tuple(reversed(names)), *units, form="euler")
+    if "sigma" in text and len(names) == 3 and not units[0]:
         return ColumnFamily("attitude", tuple(names), form="mrp")
-    squeezed = re.sub(r"[^a-z0-9]", "", f"{unit or stated}".lower())
+    squeezed = re.sub(r"[^a-z0-9]", "", (units[0] or units[1]).lower())
     holds = _kind(text, squeezed, file.lower(), members)
     if holds is None or not names or (not holds.startswith("wheel") and len(names) != 3):
         return None
-    return ColumnFamily(holds, tuple(names), unit, stated)
+    return ColumnFamily(holds, tuple(names), *units)
 
 
 def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None:

@@ -161,11 +161,9 @@ def _with_counts(share: FileShare, counts: np.ndarray, period: _Period) -> FileS
         return share
     places = ", ".join(share.place(int(row)) for row in rows[:3])
     more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
-    note = (
-        f"the counter wrapped at {period.name} ({places}{more}) and is counted on"
-        if len(rows)
-        else f"{share.file}: counted on, as the counter had wrapped at {period.name}"
-    )
+    note = f"{share.file}: counted on, as the counter had wrapped at {period.name}"
+    if len(rows):
+        note = f"the counter wrapped at {period.name} ({places}{more}) and is counted on"
     ns = np.where(share.stamps.missing, 0, counts + share.stamps.zero_ns)
     return replace(share, stamps=replace(share.stamps, ns=ns), notes=(*share.notes, note))
 

@@ -220,10 +220,9 @@ def _refuse_outside(
 ) -> None:
     """Refuse a stream of which no reading lies in a slew, and name what explains it."""
     spans = [(window.start, window.end) for window in cut.windows]
-    away = [
-        np.maximum(np.maximum(start - stream.time, stream.time - end), 0.0) for start, end in spans
-    ]
-    nearest, count = float(np.min(away)), len(stream.time)
+    start, end = np.array(spans).T[..., None]
+    away = np.maximum(start - stream.time, stream.time - end)
+    nearest, count = max(float(np.min(away)), 0.0), len(stream.time)
     in_force = stream.holds == "wheel_torque" and count == 1 and stream.time[0] < spans[-1][1]
     if nearest == 0.0 or in_force:
         return
@@ -297,11 +296,9 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
         for wheel in mapping.wheels
         if wheel.momentum_sigma is None and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
     ]
-    advice = (
-        f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
-        if lines
-        else "take it from the data sheet: the rests of the log do not show it"
-    )
+    advice = "take it from the data sheet: the rests of the log do not show it"
+    if lines:
+        advice = f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
     raise CampaignError("missing key", where=f"{label}, key {missing[0]}", advice=advice)
 
 
@@ -313,9 +310,7 @@ def reduced_content(
     if means is campaign:
         return description, tables, campaign
     sigma = campaign.gyro.sigma[0] / means.gyro.sigma[0]
-    said = (
-        f"# Rates and wheel momentum are means of {round(sigma**2)} readings each, because the "
-        'mapping\n# says reduce = "block_means"; their noise is smaller by the root of that.\n'
-    )
+    said = f"# Rates and wheel momentum are means of {round(sigma**2)} readings each, because the "
+    said += 'mapping\n# says reduce = "block_means"; their noise is smaller by the root of that.\n'
     description, tables = content_of(means)
     return said + description, tables, campaign_of(description, means.name, tables)

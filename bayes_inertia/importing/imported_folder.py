@@ -52,10 +52,6 @@ class WrittenColumns:
     order: tuple[int, ...]  # Which element of the stream stands in each column
     factors: tuple[float, ...]  # What each column is multiplied by
 
-    def cells(self, values: np.ndarray) -> np.ndarray:
-        """The columns (n, columns) of a stream's values (n, width)."""
-        return values[:, list(self.order)] * np.array(self.factors)
-
 
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
     """Entries of all streams that a mapping may have, by the key of `[columns]`."""
@@ -72,8 +68,7 @@ def _readings(key: str, streams: Sequence[MappedStream], mapping: MappingPart) -
     names = kind.columns
     if kind.of_wheels():
         names = tuple(names[0].format(k + 1) for k in range(len(mapping.wheels)))
-    stated = {stream.acts_on for stream in streams if isinstance(stream, TorqueStream)}
-    on_body = stated == {"body"}
+    on_body = {s.acts_on for s in streams if isinstance(s, TorqueStream)} == {"body"}
     sense = {"unit": unit, **kind.sense, **({"acts_on": "body"} if on_body else {})}
     factor = (-1.0 if on_body else 1.0) / UNITS[key][unit]
     return WrittenColumns(names, sense, tuple(range(len(names))), (factor,) * len(names))
@@ -92,11 +87,9 @@ def _unit(key: str, streams: Sequence[MappedStream]) -> str:
 
 def _attitude(streams: Sequence[MappedStream]) -> WrittenColumns:
     """Quaternions of the body with the scalar and the direction that the mapping states."""
-    scalar, maps = "last", "inertial_to_body"
-    for stream in streams:
-        if isinstance(stream, AttitudeStream) and stream.frame == "body":
-            scalar = stream.scalar or scalar
-            maps = stream.maps or maps
+    of_body = next((stream for stream in streams if getattr(stream, "frame", "") == "body"), None)
+    scalar = getattr(of_body, "scalar", None) or "last"
+    maps = getattr(of_body, "maps", None) or "inertial_to_body"
     first = scalar == "first"
     order = (3, 0, 1, 2) if first else (0, 1, 2, 3)
     names = ("q0", "q1", "q2", "q3") if first else AttitudeStream.columns
@@ -167,21 +160,19 @@ def _at_regular_times(torque: LoggedStream, start: float, window: SlewWindow) ->
 def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
     """Commands of a slew, the first of which is the one in force at its start."""
     later = torque.between(start, end)
-    before = np.flatnonzero(torque.time < start)
+    before = torque.time[torque.time < start]
     if not len(before) or (len(later.time) and later.time[0] == start):
         return later
     if not len(later.time) and _at_every_step(torque):
         # None is in force: they were lost.
         return later
-    rows = torque.rows((torque.time <= end) & (np.arange(len(torque.time)) >= before[-1]))
-    return replace(rows, time=np.concatenate([[start], later.time]))
+    return replace(torque.between(before[-1], end), time=np.concatenate([[start], later.time]))
 
 
 def _at_every_step(torque: LoggedStream) -> bool:
     steps = np.diff(torque.time)
-    return len(steps) >= LIMITS.fewest_alike_steps and bool(
-        np.quantile(steps, LIMITS.most_alike_steps) < 1.5 * torque.step
-    )
+    few = len(steps) < LIMITS.fewest_alike_steps
+    return not few and bool(np.quantile(steps, LIMITS.most_alike_steps) < 1.5 * torque.step)
 
 
 RECORD_FORMAT = "bayes-inertia-import/1"
@@ -238,9 +229,9 @@ def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Ta
     written, made = written_columns(mapping), {}
     for tables in slews:
         for key, file in tables.files.items():
-            stream = tables.streams[key]
-            cells = written[key].cells(stream.values).T
-            columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
+            stream, entry = tables.streams[key], written[key]
+            cells = stream.values[:, list(entry.order)] * np.array(entry.factors)
+            columns = {"t_s": stream.time} | dict(zip(entry.names, cells.T, strict=True))
             made[file] = Table.of(file, columns)
     return made
 
@@ -253,10 +244,9 @@ def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> 
             stream, written = tables.streams[key], written_columns(mapping)[key]
             line = re.search(r"line (\d+)", where)
             # The first line holds the names.
-            moment = stream.time[int(line[1]) - 2] + tables.start if line else None
+            at = f" at {stream.time[int(line[1]) - 2] + tables.start:.6g} s" if line else ""
             column = where.rpartition("column ")[2]
             raw = ", ".join(stream.files[k] for k in np.unique(stream.file))
-            at = "" if moment is None else f" at {moment:.6g} s"
             name = _raw_column(mapping, key, column, written.names)
             many = "s" * (", " in name)
             return f"{raw}, column{many} {name}, in {tables.window.name}{at}"
@@ -277,11 +267,7 @@ def _raw_column(mapping: MappingPart, key: str, column: str, written: Sequence[s
 
 
 def record_text(
-    files: Sequence[Path],
-    mapping_data: tuple[str, bytes],
-    logs: Logs,
-    cut: SlewCut,
-    noises: Sequence[RestNoise],
+    files: list[Path], mapping: tuple[str, bytes], logs: Logs, cut: SlewCut, noises: list[RestNoise]
 ) -> str:
     """The record of an import: from what, and what was cut and converted."""
     record = {
@@ -290,9 +276,9 @@ def record_text(
         "raw_files": {path.name: sha256_of(path.read_bytes()) for path in files},
         "unused_files": list(logs.unused),
         "mapping": {
-            "name": mapping_data[0],
-            "sha256": sha256_of(mapping_data[1]),
-            "text": mapping_data[1].decode("utf-8", errors="replace"),
+            "name": mapping[0],
+            "sha256": sha256_of(mapping[1]),
+            "text": mapping[1].decode("utf-8", errors="replace"),
         },
         "clock": {"zero": zero_of_clock(logs), "unit": "s"},
         "streams": {

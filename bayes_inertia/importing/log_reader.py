@@ -215,8 +215,7 @@ def _first_day(epoch: str, where: str) -> int:
     if not epoch:
         return 0
     days, rest = divmod(tai_to_utc(utc_ns(epoch, where)), 86400 * SECOND)
-    advice = 'write such as "2000-01-01T00:00:00Z"'
-    require(rest == 0, where, f"{epoch!r} is no midnight", advice)
+    require(rest == 0, where, f"{epoch!r} is no midnight", 'write such as "2000-01-01T00:00:00Z"')
     return days
 
 

@@ -104,7 +104,7 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
         stream, kept = _with_mended_stamps(stream)
         late = len(late_rows(stream.time))
     order = np.argsort(stream.time, kind="stable")
-    stream = stream.rows(order, *([_rows(late, "out of order", "sorted")] if late else []))
+    stream = stream.rows(order, *_noted(late, "out of order", "sorted"))
     repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
     # The last row of a slew's file may be the first of the next.
     again = int((repeated[1:] & (np.diff(stream.file) != 0)).sum())
@@ -112,7 +112,7 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     if not repeated.any():
         return stream
     values, again, lost = joined_rows(stream.values, repeated)
-    note = [_rows(again, "repeated a time and", "left out")] if again else []
+    note = _noted(again, "repeated a time and", "left out")
     if lost.any():
         row = int(kept[order[np.argmax(lost)]])
         why, count = "repeat the time of another with other readings", int(lost.sum())
@@ -144,16 +144,16 @@ def _with_mended_stamps(stream: LoggedStream) -> tuple[LoggedStream, np.ndarray]
     stamps, kept, wrong, single = mended_stamps(stream.time)
     if not len(wrong) or not single:
         return stream, rows
-    lost = len(rows) - len(kept)
-    counts = ((len(wrong) - lost, "given that between its neighbours"), (lost, "left out"))
-    notes = [_rows(count, "with a wrong stamp", done) for count, done in counts if count]
+    lost, what = len(rows) - len(kept), "with a wrong stamp"
+    notes = _noted(len(wrong) - lost, what, "given that between its neighbours")
+    notes += _noted(lost, what, "left out")
     return replace(stream, time=stamps).rows(kept, *notes), kept
 
 
-def _rows(count: int, what: str, done: str) -> str:
-    """Such as "2 rows out of order were sorted"."""
+def _noted(count: int, what: str, done: str) -> list[str]:
+    """A note such as "2 rows out of order were sorted"; none of no row."""
     rows, were = ("row", "was") if count == 1 else ("rows", "were")
-    return f"{count} {rows} {what} {were} {done}"
+    return [f"{count} {rows} {what} {were} {done}"] if count else []
 
 
 def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
@@ -179,6 +179,5 @@ def held(stream: LoggedStream) -> LoggedStream:
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
     known = (last >= 0).all(axis=1)
-    early = int((~known).sum())
-    note = [_rows(early, "before every wheel had a command", "left out")] if early else []
+    note = _noted(int((~known).sum()), "before every wheel had a command", "left out")
     return replace(stream, values=values).rows(known, *note)

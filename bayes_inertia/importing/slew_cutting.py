@@ -172,8 +172,7 @@ def _sessions(logs: Logs, cut: CutPart, pause: float) -> list[SlewWindow]:
             continue
         parts = 1 if cut.longest_s is None else int(np.ceil((run[-1] - run[0]) / cut.longest_s))
         for part in np.array_split(run, max(parts, 1)):
-            name = f"slew {len(windows) + 1}"
-            windows.append(SlewWindow(name, float(part[0]), float(part[-1])))
+            windows.append(SlewWindow(f"slew {len(windows) + 1}", float(part[0]), float(part[-1])))
     return windows
 
 

@@ -210,9 +210,7 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
 def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     """A mapping with a question at everything that the files do not say."""
     groups = _groups(files)
-    streams: list[tuple[FileGroup, ColumnFamily]] = []
-    for group in groups:
-        streams += [(group, family) for family in _families(group)]
+    streams = [(group, family) for group in groups for family in _families(group)]
     streams.sort(key=lambda stream: list(STREAM_TYPES).index(stream[1].holds))
     entries = []
     held: dict[str, None] = {}

@@ -293,10 +293,12 @@ def _frame(name: str) -> str:
     return "tracker" if _TRACKER.fullmatch(name) else ""
 
 
-def readings_of(
-    part: MappedStream, table: Table, where: str
-) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
-    """Readings (rows, width) of a stream, SI and in the package's senses; rounding; notes."""
+# Readings (rows, width); the rounding of each column, of attitudes of all together; notes.
+_Readings = tuple[np.ndarray, tuple[float, ...], list[str]]
+
+
+def readings_of(part: MappedStream, table: Table, where: str) -> _Readings:
+    """Readings of a stream in SI units and in the package's senses."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:
@@ -314,9 +316,7 @@ def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
     return np.isin(numbers, [] if part.missing is None else part.missing)
 
 
-def _readings(
-    part: ReadingsStream, table: Table, flagged: np.ndarray, where: str
-) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
+def _readings(part: ReadingsStream, table: Table, flagged: np.ndarray, where: str) -> _Readings:
     """Columns in SI units, torques on the wheel; their rounding; what was taken for no reading."""
     read = table.stack(part.names)
     marks = _marks(part, read)
@@ -340,9 +340,7 @@ def _readings(
     return 0.0 - values if body else values, tuple(roundings.tolist()), said
 
 
-def _attitudes(
-    part: AttitudeStream, table: Table, flagged: np.ndarray, where: str
-) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
+def _attitudes(part: AttitudeStream, table: Table, flagged: np.ndarray, where: str) -> _Readings:
     """Quaternions, body from inertial, scalar last; rounding [rad]; what was taken for no fix."""
     names, convention, of_tracker = agreed_attitude(table, part, where)
     read = np.where(flagged, np.nan, table.stack(names))
