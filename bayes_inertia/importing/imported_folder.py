@@ -161,10 +161,9 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
     """Commands of a slew, the first of which is the one in force at its start."""
     later = torque.between(start, end)
     before = torque.time[torque.time < start]
-    if not len(before) or (len(later.time) and later.time[0] == start):
-        return later
-    if not len(later.time) and _at_every_step(torque):
-        # None is in force: they were lost.
+    # Of commands at every step none that is older is in force: they were lost.
+    none_in_force = later.time[0] == start if len(later.time) else _at_every_step(torque)
+    if not len(before) or none_in_force:
         return later
     return replace(torque.between(before[-1], end), time=np.concatenate([[start], later.time]))
 

@@ -21,24 +21,24 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables.table import Column, Table
 
+SECOND = 10**9
+
 
 @dataclass(frozen=True)
 class TimeScales:
     """Zeros of clocks, and what scales are apart; in ns since 1958-01-01 of TAI but for days."""
 
-    second: int = 10**9
-    day: int = 86400 * second
+    day: int = 86400 * SECOND
     mjd_1958: int = 36204  # [day]
     jd_1958: float = 2436204.5  # [day]
     tai_1970: int = 4383 * day
-    gps_1980: int = 8040 * day + 19 * second
+    gps_1980: int = 8040 * day + 19 * SECOND
     tt_minus_tai: int = 32_184_000_000
     first: int = 5113 * day  # 1972-01-01: before, UTC had no whole leap seconds.
     last: int = 51865 * day  # 2100-01-01
 
 
 SCALES = TimeScales()
-SECOND = SCALES.second
 
 
 @cache
@@ -89,7 +89,7 @@ UNIT_WORDS = by_word(vocabulary("tables")["units_of_time"])
 
 _SIZES: Mapping[str, int] = {
     "ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND,
-    "day": 86400 * SECOND, "week": 7 * 86400 * SECOND,
+    "day": SCALES.day, "week": 7 * SCALES.day,
 }  # fmt: skip
 _UNIT = re.compile(
     r"(?P<count>\d+(?:\.\d+)?)?\s*(?P<unit>week|day|h|min|s|ms|us|ns)?"
