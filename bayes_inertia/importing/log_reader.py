@@ -172,6 +172,7 @@ def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     kind = agreed(stated, time.kind, f"{where}.kind", table.label)
     for key, value in (("names", names), ("kind", kind)):
         require_answer(value, ("streams", "time", key), where)
+    first_day = _first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0
     try:
         stamps = times_to_seconds(
             table,
@@ -180,7 +181,7 @@ def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
             units=time.units,
             form=time.format,
             gps_rollovers=time.gps_rollovers,
-            first_day=_first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0,
+            first_day=first_day,
         )
     except CampaignError as error:
         raise error.inside(where) from None

@@ -290,8 +290,8 @@ def _in_si(given: Any, quantities: Mapping[str, str], where: str) -> Any:
     """A table, or one a wheel; what is none is left to the check of types."""
     if isinstance(given, list):
         names = [table.get("name") if isinstance(table, dict) else "" for table in given]
-        both = zip(given, names, strict=True)
-        return [_in_si(table, quantities, f"{where}.{name}") for table, name in both]
+        named = zip(given, [name or k for k, name in enumerate(names, 1)], strict=True)
+        return [_in_si(table, quantities, f"{where}.{name}") for table, name in named]
     if not isinstance(given, dict):
         return given
     return {

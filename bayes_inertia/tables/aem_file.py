@@ -57,7 +57,8 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
     if kind != "AEM":
         what = _MESSAGES.get(kind, "message of CCSDS")
         advice = _AS_CSV if kind in _MESSAGES and not what.startswith("attitude") else _AS_AEM
-        raise CampaignError(f"is an {kind} ({what})", where=str(path), advice=advice)
+        article = "an" if kind[0] in "AEFHILMNORSX" else "a"  # As letters are spoken.
+        raise CampaignError(f"is {article} {kind} ({what})", where=str(path), advice=advice)
 
 
 def read_aem(path: Path, table: str = "") -> Table:

@@ -274,6 +274,7 @@ def test_spin_that_is_no_whole_attitude_says_why(tmp_path):
         ),
         ("\ufeffCCSDS_OEM_VERS = 2.0\nMETA_START\n", "is an OEM .*holds no attitudes"),
         ('<?xml version="1.0"?>\n<omm id="CCSDS_OMM_VERS" version="2.0">', "is an OMM .*mean"),
+        ("CCSDS_TDM_VERS = 1.0\n", "is a TDM .tracking data"),
         ("CCSDS_XYZ_VERS = 1.0\n", "is an XYZ .message of CCSDS"),
         ("stk.v.11.0\nBEGIN Attitude\nAttitudeTimeQuaternions\n0 0 0 0 1\n", "STK attitude .*q4"),
         ("stk.v.12.0\r\n\r\nBEGIN Ephemeris\r\n", "is an STK ephemeris file; it holds no att"),
