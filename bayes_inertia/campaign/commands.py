@@ -43,12 +43,7 @@ import numpy as np
 from bayes_inertia.campaign.hardware import Wheel, unattainable
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.campaign.slew_parts import (
-    MORE,
-    Channels,
-    with_rows_at,
-    without_intervals,
-)
+from bayes_inertia.campaign.slew_parts import MORE, Channels, with_rows_at, without_intervals
 from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.faults.gaps import gap_note, is_regular, missing_rows, unbroken_rows
 from bayes_inertia.faults.limits import LIMITS as FAULTS

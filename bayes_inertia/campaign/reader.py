@@ -38,13 +38,7 @@ from bayes_inertia.campaign.streams import (
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.row_order import ordered_rows
-from bayes_inertia.files import (
-    description_path,
-    read_bytes,
-    table_path,
-    text_of,
-    write_new_files,
-)
+from bayes_inertia.files import description_path, read_bytes, table_path, text_of, write_new_files
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import read_table
 from bayes_inertia.tables.table import Table

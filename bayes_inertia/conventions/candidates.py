@@ -31,10 +31,7 @@ from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.schema import UNITS, TimeColumn
-from bayes_inertia.campaign.sensors import BY_KEY
-from bayes_inertia.campaign.sensors.direction import DirectionStream
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import BY_KEY, MOMENTUM, RATE, DirectionStream
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.campaign.streams import Stream, StreamRows, inputs_of, stream_from_table
 from bayes_inertia.conventions.limits import LIMITS

@@ -23,10 +23,7 @@ from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import UNITS
-from bayes_inertia.campaign.sensors import BY_KEY, KINDS, SensorStream
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, BY_KEY, KINDS, MOMENTUM, RATE, SensorStream
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import clocks, known_offsets, streams_apart

@@ -15,10 +15,7 @@ from numpy.polynomial.legendre import legvander
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
-from bayes_inertia.campaign.sensors import reading_step
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, MOMENTUM, RATE, reading_step
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst

@@ -16,8 +16,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import MOMENTUM, RATE
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import (

@@ -10,9 +10,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
-from bayes_inertia.campaign.sensors import SensorStream, series_of
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import MOMENTUM, RATE, SensorStream, series_of
 from bayes_inertia.conventions.law_data import LinearFit, along_body
 from bayes_inertia.conventions.laws import (
     CLOSURE,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import RATE
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import Motion, SampledSlews, without_mean
 from bayes_inertia.conventions.reading import Reading, ToldTorques

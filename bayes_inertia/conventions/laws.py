@@ -24,10 +24,7 @@ from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.body_rates import reads_motion
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise
-from bayes_inertia.campaign.sensors import SensorStream, series_of
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, MOMENTUM, RATE, SensorStream, series_of
 from bayes_inertia.conventions.direction import angles, direction, parts_of_directions
 from bayes_inertia.conventions.law_data import (
     LawData,
@@ -53,13 +50,7 @@ from bayes_inertia.conventions.motion import (
     told_impulse,
     turned_back,
 )
-from bayes_inertia.conventions.reading import (
-    TORQUE,
-    Reading,
-    ToldTorques,
-    as_read,
-    stated_reading,
-)
+from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorques, as_read, stated_reading
 from bayes_inertia.faults.noise import smooth_noise
 
 

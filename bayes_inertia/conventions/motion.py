@@ -19,9 +19,7 @@ import numpy as np
 from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import held_integral
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, MOMENTUM, RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorque, direction_sensors

@@ -21,9 +21,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import FIELDS, Description, Entry
 from bayes_inertia.campaign.hardware import DirectionSensor, Wheel, axes_to_body
 from bayes_inertia.campaign.parsed_description import parse_description
-from bayes_inertia.campaign.sensors import BY_KEY, KINDS, STREAMS, SensorStream
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, BY_KEY, KINDS, RATE, STREAMS, SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.campaign.writer import content_of

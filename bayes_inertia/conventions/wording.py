@@ -7,18 +7,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import ATTITUDE, RATE
 from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
-from bayes_inertia.conventions.laws import (
-    CLOSURE,
-    CONSERVATION,
-    DIRECTION,
-    DRIVE,
-    Misfits,
-    worst,
-)
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DIRECTION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading, Stated, path_of
 from bayes_inertia.conventions.search import Remedy
