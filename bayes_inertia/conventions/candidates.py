@@ -49,7 +49,6 @@ from bayes_inertia.conventions.reading import (
     key_changes,
     preceded,
     said_of,
-    with_values,
 )
 from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.values import array_dataclass
@@ -347,7 +346,7 @@ def axes_mistake(
 ) -> Mistake:
     """The mistake that the rate sensor's axes (n, 3) are others than stated."""
     key = stated.key("rate_sensor", "axes")
-    return _of_array(key, axes, mended, rarity, with_values(rate_axes_B=mended), words)
+    return _of_array(key, axes, mended, rarity, partial(replace, rate_axes_B=mended), words)
 
 
 def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -> Iterator[Mistake]:
@@ -360,7 +359,7 @@ def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -
             for name, old, new in zip(names, axes_B.T, mended_B.T, strict=True)
             if not np.allclose(old, new)
         )
-        return Mistake(changes, 3, with_values(axes_B=mended_B), words)
+        return Mistake(changes, 3, partial(replace, axes_B=mended_B), words)
 
     others = [*signed(names, what, vector=False), *in_other_order(names, what)]
     mended = [(axes_B @ other.matrix.T, other.words) for other in others]
@@ -404,9 +403,8 @@ def _of_inertia(campaign: Campaign) -> Iterator[Mistake]:
     words = "the inertia tensor is along other axes"
     others += [(tensor[np.ix_(order, order)], 4, words) for order in _OTHER_ORDERS]
     for mended, rarity, words in others:
-        yield _of_array(
-            "inertia.tensor", tensor, mended, rarity, with_values(inertia=mended), words
-        )
+        mend = partial(replace, inertia=mended)
+        yield _of_array("inertia.tensor", tensor, mended, rarity, mend, words)
 
 
 def _of_spin_inertias(campaign: Campaign, stated: Stated) -> Iterator[Mistake]:

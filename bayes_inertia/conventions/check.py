@@ -428,13 +428,11 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
     """The keys to change; none where the first cause is in no key."""
     if mending and not mending[0].mistake.changes:
         return ()
-    changes: list[ConventionChange] = []
-    for number, remedy in enumerate(mending, 1):
-        told = (remedy.before, remedy.after, number)
-        keys = remedy.mistake.changes
-        words = remedy.mistake.words
-        changes += [ConventionChange(c.key, c.stated, c.mended, *told, words) for c in keys]
-    return tuple(changes)
+    return tuple(
+        ConventionChange(c.key, c.stated, c.mended, r.before, r.after, number, r.mistake.words)
+        for number, r in enumerate(mending, 1)
+        for c in r.mistake.changes
+    )
 
 
 def _companions(mended: KeyChange, case: _Case) -> Iterator[KeyChange]:

@@ -17,7 +17,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.sensors import ATTITUDE, MOMENTUM, RATE, reading_step
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
+from bayes_inertia.conventions.law_data import LawData, LinearFit
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews
@@ -32,7 +32,7 @@ from bayes_inertia.conventions.reading import (
     said_of,
     unmended,
 )
-from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.conventions.search import Remedy, alike
 from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
@@ -55,15 +55,12 @@ def clocks(
     """
     # Rates that all sensors tell follow the fixes.
     laws = (CONSERVATION, DRIVE) if misfits.smoothed else (CLOSURE, CONSERVATION, DRIVE)
-    told = {
-        law: late
-        for law in laws
-        if (late := lateness(misfits, reading, law)) is not None and late.explains
-    }
-    told = {
-        law: with_known_offset(misfits, reading, late) if _is_gross(misfits, late) else late
-        for law, late in told.items()
-    }
+    told = {}
+    for law in laws:
+        late = lateness(misfits, reading, law)
+        if late is not None and late.explains:
+            is_gross = _is_gross(misfits, late)
+            told[law] = with_known_offset(misfits, reading, late) if is_gross else late
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
     remarks = tuple(_remark(late) for law, late in told.items() if law not in gross)
     proposals = []
@@ -113,7 +110,7 @@ def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[R
                 if mends and _still_tested(laws, fits, streams):
                     found.append(Remedy(_mistake(stated, shifts), before, after))
     best = min((remedy.after for remedy in found), default=0.0)
-    return tuple(r for r in found if r.after <= LIMITS.equal_factor * best + LIMITS.equal_misfit)
+    return tuple(remedy for remedy in found if remedy.after <= alike(best))
 
 
 def _still_tested(
@@ -173,10 +170,17 @@ def _apart_in_words(entry: Entry, pairs: Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
+    """Whether a lateness is a wrong clock, beyond what a sensor or a wheel can be late."""
+    campaign = misfits.campaign
+    duration = campaign.scale_of_motion()[1]
     # A wheel that lags its command makes the command look early.
-    lag = channel_of(misfits, late.law) == TORQUE and late.seconds > 0.0
-    limit = gross_lateness(misfits.campaign, lag)
-    return abs(late.seconds) > max(limit, LIMITS.late_steps * reading_step(misfits.campaign))
+    if channel_of(misfits, late.law) == TORQUE and late.seconds > 0.0:
+        limit = LIMITS.late_sds * (LIMITS.lag_share * duration)
+    else:
+        sd = LIMITS.late_share * duration
+        longest = max(LIMITS.longest_lateness, LIMITS.least_late_sds * sd)
+        limit = min(LIMITS.late_sds * sd, longest)
+    return abs(late.seconds) > max(limit, LIMITS.late_steps * reading_step(campaign))
 
 
 def _proposals(
@@ -277,7 +281,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     smoothed rates follow the wheels, conservation shifts the gyro's own axes the other way.
     """
     first = misfits.law(law, reading)
-    if first is None or not first.early.any():
+    if first is None or first.early is None or not first.early.any():
         return None
     before, step = _shift(first, law)
     if before < LIMITS.notable:
@@ -338,18 +342,7 @@ def _shift(data: LawData, law: str) -> tuple[float, float]:
         slow = np.broadcast_to(slow, (slews, *slow.shape))
         data = replace(data, free=np.concatenate([data.free, slow], axis=-1))
     sharp = replace(data, sigma=data.sigma * LIMITS.sharp)
-    left = sharp.fit()
-    regressors = np.concatenate(
-        [sharp.regressors, LIMITS.lateness_prior_s * data.early[..., None]], axis=-1
-    )
-    fit = fitted(data.data, regressors, data.free, sharp.sigma, data.mask)
-    rms = float(np.sqrt(np.mean(left.misfit**2)))
-    return rms, float(fit.values[-1] * LIMITS.lateness_prior_s)
-
-
-def gross_lateness(campaign: Campaign, lag: bool) -> float:
-    """Lateness beyond which a clock is wrong [s]; `lag`: of wheels, which follow commands late."""
-    sd = (LIMITS.lag_share if lag else LIMITS.late_share) * campaign.scale_of_motion()[1]
-    if lag:
-        return LIMITS.late_sds * sd
-    return min(LIMITS.late_sds * sd, max(LIMITS.longest_lateness, LIMITS.least_late_sds * sd))
+    rms = float(np.sqrt(np.mean(sharp.fit().misfit ** 2)))
+    early = LIMITS.lateness_prior_s * np.asarray(data.early)[..., None]
+    late = replace(sharp, regressors=np.concatenate([sharp.regressors, early], axis=-1))
+    return rms, float(late.fit().values[-1] * LIMITS.lateness_prior_s)

@@ -175,14 +175,14 @@ def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
 def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | None:
     """Tachometers or commands that lost their sign, where signs make all laws hold."""
     slews = misfits.slews
-    for field, what, told in (
-        ("momentum", "the tachometers ({}, |h|)", _signs_of_momentum),
-        ("impulse", "the torque commands ({}, |u|)", _signs_of_commands),
+    for field, channel, what, told in (
+        ("momentum", MOMENTUM.field, "the tachometers ({}, |h|)", _signs_of_momentum),
+        ("impulse", TORQUE, "the torque commands ({}, |u|)", _signs_of_commands),
     ):
         values = getattr(slews, field)
-        if values is None or (field == "impulse" and slews.momentum is None):
+        if values is None or (channel == TORQUE and slews.momentum is None):
             continue
-        suspects = _unsigned(misfits.campaign, field)
+        suspects = _unsigned(misfits.campaign, channel)
         signed = told(misfits, reading, suspects) if suspects.any() else None
         if signed is None:
             continue
@@ -200,9 +200,8 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
     return None
 
 
-def _unsigned(campaign: Campaign, field: str) -> np.ndarray:
+def _unsigned(campaign: Campaign, channel: str) -> np.ndarray:
     """Which wheels' columns hold no negative number, but positive ones."""
-    channel = MOMENTUM.field if field == "momentum" else TORQUE
     values = np.concatenate(readings_of(campaign, channel))
     return (np.nanmin(values, axis=0) >= 0.0) & (np.nanmax(values, axis=0) > 0.0)
 
@@ -232,7 +231,7 @@ def _signs_of_momentum(
 def _predicted(misfits: Misfits, reading: Reading, s: int, start: np.ndarray) -> np.ndarray | None:
     """Momentum (N, wheels) of a slew from its start and the commands, else the body's motion."""
     slews = misfits.slews
-    if slews.impulse is not None and not _unsigned(misfits.campaign, "impulse").any():
+    if slews.impulse is not None and not _unsigned(misfits.campaign, TORQUE).any():
         return start + reading.time * reading.of(TORQUE, slews.impulse[s])
     axes_B = reading.axes_B
     if axes_B.shape[1] > LIMITS.wheels_felt:

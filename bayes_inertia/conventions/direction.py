@@ -61,8 +61,6 @@ def direction(told: Told) -> LawData | None:
         turned[..., -3:] * ~fixes.any(axis=1)[:, None, None, None],
         np.ones(len(data)),
         known.any(axis=2),
-        early=np.zeros(data.shape),
-        noise=1.0,
         bias_from=9,
     )
 
@@ -92,8 +90,6 @@ def angles(told: Told) -> LawData | None:
         np.zeros((*data.shape, 0)),
         np.ones(len(data)),
         known.any(axis=2),
-        early=np.zeros(data.shape),
-        noise=1.0,
     )
 
 

@@ -30,99 +30,11 @@ class LinearFit:
     # (S, D): root mean square residual of each component of each slew [its sigma]
     by_component: np.ndarray
 
-    def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
-        """The same fit, some of whose parameters are factors, judged by their logarithms.
-
-        A tensor a thousand times too small is as far from its prior as one a thousand times too
-        large. A factor that is not positive counts as one of a thousandth.
-
-        `which`: the parameters; 1 - sd times value is the factor that the data would have.
-        """
-        values = np.array(self.values)
-        values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
-        departure = float(np.sqrt(np.sum(values**2) / 3.0))
-        return replace(self, departure=departure)
-
     @property
     def worst(self) -> float:
         """The larger of the worst slew's misfit and the departure from the priors [sd]."""
         largest = np.max(self.misfit, initial=self.departure)
         return float("inf") if np.isnan(largest) else float(largest)
-
-
-def fitted(
-    data: np.ndarray,
-    regressors: np.ndarray,
-    free: np.ndarray,
-    sigma: np.ndarray,
-    mask: np.ndarray,
-) -> LinearFit:
-    """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
-
-    Shapes and units are those of `LawData`; outlying moments lose weight in one round.
-    """
-    count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
-    weight = mask / np.sqrt(count)
-    fit, distance = _weighted(data, regressors, free, sigma, weight)
-    usual = _usual(distance, mask)
-    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
-    trust = 1.0 / (1.0 + far**2)
-    trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
-    if trust.max(initial=0.0) > 1.1:
-        fit, _ = _weighted(data, regressors, free, sigma, weight * trust)
-    return fit
-
-
-def _usual(distance: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The quantile (S,) of each slew's distances (S, N) that stands for all; 1 without any."""
-    # One sort for all slews: a call of `np.quantile` for each takes a sixth of a check.
-    last = np.maximum(mask.sum(axis=1) - 1, 0)
-    beyond = np.where(mask.any(axis=1, keepdims=True), np.inf, 1.0)
-    ordered = np.sort(np.where(mask, distance, beyond), axis=1)
-    below = np.floor(LIMITS.far_moment_quantile * last).astype(int)
-    low, high = (
-        np.take_along_axis(ordered, k[:, None], 1)[:, 0]
-        for k in (below, np.minimum(below + 1, last))
-    )
-    share = LIMITS.far_moment_quantile * last - below
-    return low + share * (high - low)
-
-
-def _weighted(
-    data: np.ndarray,
-    regressors: np.ndarray,
-    free: np.ndarray,
-    sigma: np.ndarray,
-    weight: np.ndarray,
-) -> tuple[LinearFit, np.ndarray]:
-    """The fit, and the distance (S, N) of each moment from it."""
-    slews, moments, width = data.shape
-    flat = (slews, moments * width, -1)
-    w = np.repeat(weight, width, axis=1)[..., None]
-    y = data.reshape(flat) * w
-    x = regressors.reshape(*flat[:2], regressors.shape[-1]) * w
-    if free.shape[-1]:
-        basis, sizes = np.linalg.qr(free.reshape(*flat[:2], free.shape[-1]) * w)
-        # One direction that does not move leaves the turn about itself untold.
-        sizes = np.abs(np.diagonal(sizes, axis1=1, axis2=2))
-        basis = basis * (sizes > 1e-9 * sizes.max(axis=1, keepdims=True))[:, None]
-        turned = np.swapaxes(basis, 1, 2)
-        y = y - basis @ (turned @ y)
-        x = x - basis @ (turned @ x)
-    x, y = x / sigma[:, None, None], y / sigma[:, None, None]
-    # A slew tells at most one number a component, however often it is sampled.
-    every = x.reshape(-1, x.shape[-1])
-    normal = width * every.T @ every + np.eye(x.shape[-1])
-    covariance = np.linalg.inv(normal)
-    values = covariance @ (width * every.T @ y.ravel())
-    residual = (y - (x @ values)[..., None])[..., 0]
-    misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
-    departure = float(np.sqrt(np.sum(values**2) / 3.0))
-    square = residual.reshape(data.shape) ** 2
-    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
-    sds = np.sqrt(np.diag(covariance))
-    fit = LinearFit(misfit, departure, values, sds, np.sqrt(square.sum(1)))
-    return fit, norm * sigma[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,19 +62,95 @@ class LawData:
     sigma: np.ndarray  # (S,): what noise and undisclosed physics may leave
     mask: np.ndarray  # (S, N) of bool: which moments count
     # (S, N, D): what one second adds by which the second stream (attitude, wheels, commands) is
-    # early
-    early: np.ndarray
-    noise: float  # Sd of the norm of a moment's error that the sensors' stated noise makes
+    # early; None where no clock is judged
+    early: np.ndarray | None = None
+    noise: float = 1.0  # Sd of the norm of a moment's error that the sensors' stated noise makes
     # Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none
     factors: float = 0.0
     bias_from: int = -1  # Which regressor is the first of three of the rate bias; -1 for none
 
     def fit(self) -> LinearFit:
-        """The fit of all that is uncertain."""
-        fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
+        """The fit of all that is uncertain.
+
+        Factors are judged by their logarithms: a tensor a thousand times too small is as far from
+        its prior as one a thousand times too large. A factor that is not positive counts as one of
+        a thousandth.
+        """
+        fit = _fitted(self)
         if not self.factors:
             return fit
-        return fit.with_factors(slice(0, 9, 4), np.full(3, self.factors))
+        values = np.array(fit.values)
+        moments = np.maximum(1.0 - self.factors * values[:9:4], 1e-3)
+        values[:9:4] = np.log(moments) / self.factors
+        return replace(fit, departure=_departure(values))
+
+
+def _fitted(law: LawData) -> LinearFit:
+    """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
+
+    Outlying moments lose weight in one round.
+    """
+    mask, sigma = law.mask, law.sigma
+    count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
+    weight = mask / np.sqrt(count)
+    fit, distance = _weighted(law, weight)
+    usual = _usual(distance, mask)
+    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
+    trust = 1.0 / (1.0 + far**2)
+    trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
+    return _weighted(law, weight * trust)[0] if trust.max(initial=0.0) > 1.1 else fit
+
+
+def _usual(distance: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The quantile (S,) of each slew's distances (S, N) that stands for all; 1 without any."""
+    # One sort for all slews: a call of `np.quantile` for each takes a sixth of a check.
+    last = np.maximum(mask.sum(axis=1) - 1, 0)
+    beyond = np.where(mask.any(axis=1, keepdims=True), np.inf, 1.0)
+    ordered = np.sort(np.where(mask, distance, beyond), axis=1)
+    below = np.floor(LIMITS.far_moment_quantile * last).astype(int)
+    low, high = (
+        np.take_along_axis(ordered, k[:, None], 1)[:, 0]
+        for k in (below, np.minimum(below + 1, last))
+    )
+    share = LIMITS.far_moment_quantile * last - below
+    return low + share * (high - low)
+
+
+def _weighted(law: LawData, weight: np.ndarray) -> tuple[LinearFit, np.ndarray]:
+    """The fit, and the distance (S, N) of each moment from it."""
+    data, regressors, free = law.data, law.regressors, law.free
+    slews, moments, width = data.shape
+    flat = (slews, moments * width, -1)
+    w = np.repeat(weight, width, axis=1)[..., None]
+    sigma = law.sigma[:, None, None]
+    y = data.reshape(flat) * w
+    x = regressors.reshape(*flat[:2], regressors.shape[-1]) * w
+    if free.shape[-1]:
+        basis, sizes = np.linalg.qr(free.reshape(*flat[:2], free.shape[-1]) * w)
+        # One direction that does not move leaves the turn about itself untold.
+        sizes = np.abs(np.diagonal(sizes, axis1=1, axis2=2))
+        basis = basis * (sizes > 1e-9 * sizes.max(axis=1, keepdims=True))[:, None]
+        turned = np.swapaxes(basis, 1, 2)
+        y = y - basis @ (turned @ y)
+        x = x - basis @ (turned @ x)
+    x, y = x / sigma, y / sigma
+    # A slew tells at most one number a component, however often it is sampled.
+    every = x.reshape(-1, x.shape[-1])
+    normal = width * every.T @ every + np.eye(x.shape[-1])
+    covariance = np.linalg.inv(normal)
+    values = covariance @ (width * every.T @ y.ravel())
+    residual = (y - (x @ values)[..., None])[..., 0]
+    misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
+    square = residual.reshape(data.shape) ** 2
+    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
+    sds = np.sqrt(np.diag(covariance))
+    fit = LinearFit(misfit, _departure(values), values, sds, np.sqrt(square.sum(1)))
+    return fit, norm * law.sigma[:, None]
+
+
+def _departure(values: np.ndarray) -> float:
+    """Root mean square, over three of them, of parameters in sds of their priors."""
+    return float(np.sqrt(np.sum(values**2) / 3.0))
 
 
 def integrated_noise(told: Told) -> np.ndarray:

@@ -105,8 +105,7 @@ def closure(told: Told) -> LawData | None:
     # The attitude of the first moment that each fix implies: one and the same if all is right.
     start = composed(attitude, turned_back(path))
     first = np.argmax(fixes, axis=1)
-    reference = start[np.arange(len(start)), first][:, None]
-    error = -angle_of(composed(turned_back(reference), start)) * fixes[..., None]
+    error = -angle_of(composed(turned_back(_at(start, first)), start)) * fixes[..., None]
     seen = angle_of(composed(turned_back(_at(attitude, first)), attitude))
     integrated = angle_of(composed(turned_back(_at(path, first)), path))
     size = np.maximum(deviation(seen, fixes), deviation(integrated, fixes))

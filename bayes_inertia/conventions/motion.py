@@ -11,7 +11,7 @@ channel's own readings at their own times.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -143,32 +143,33 @@ def sampled(
     of the rate sensor, the last ones, are no sensor's own: they have no stamps to shift.
     """
     shifts = shifts or {}
-    pieces: list[SampledSlews] = []
+    pieces: list[tuple[str, dict[str, Any]]] = []
     # Tachometers too slow for a piece leave what the rates and attitudes tell.
     for slow in (False, True):
         pieces = pieces or [
-            p for slew in campaign.slews for p in _pieces(slew, campaign, shifts, smoothed, slow)
+            (slew.name, piece)
+            for slew in campaign.slews
+            for piece in _pieces(slew, campaign, shifts, smoothed, slow)
         ]
     return _side_by_side(pieces) if pieces else None
 
 
-def _side_by_side(pieces: Sequence[SampledSlews]) -> SampledSlews:
+def _side_by_side(pieces: Sequence[tuple[str, dict[str, Any]]]) -> SampledSlews:
     """Pieces, the last moment of each repeated to one length; without what one of them lacks."""
-    count = max(piece.time.shape[1] for piece in pieces)
+    lengths = np.array([len(arrays["time"]) for _, arrays in pieces])
+    count = int(lengths.max())
 
     def stacked(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
         given = [v for v in values if v is not None]
         if len(given) < len(values):
             return None
-        rest = [np.repeat(v[:, -1:], count - v.shape[1], axis=1) for v in given]
-        return np.concatenate([np.hstack(both) for both in zip(given, rest, strict=True)])
+        rows = [np.minimum(np.arange(count), len(v) - 1) for v in given]
+        return np.stack([v[row] for v, row in zip(given, rows, strict=True)])
 
-    names = tuple(name for piece in pieces for name in piece.names)
-    valid = np.array([np.arange(count) < piece.time.shape[1] for piece in pieces])
-    arrays = [f.name for f in fields(SampledSlews) if f.name not in ("names", "valid")]
     padded: dict[str, Any] = {
-        name: stacked([getattr(piece, name) for piece in pieces]) for name in arrays
+        key: stacked([arrays[key] for _, arrays in pieces]) for key in pieces[0][1]
     }
+    names, valid = tuple(name for name, _ in pieces), np.arange(count) < lengths[:, None]
     return SampledSlews(names=names, valid=valid, **padded)
 
 
@@ -178,7 +179,7 @@ def _pieces(
     shifts: Mapping[str, float],
     smoothed: int,
     no_tachometers: bool,
-) -> list[SampledSlews]:
+) -> list[dict[str, Any]]:
     """The pieces of a slew between gaps of its rates or tachometers."""
     rates = _believable_rates(campaign, slew).T
     own, shift = len(rates) - smoothed, shifts.get(RATE.field, 0.0)
@@ -195,7 +196,11 @@ def _pieces(
     first = max(channel.time[0] for channel in every)
     last = min(channel.time[-1] for channel in every)
     spans = [(first, last)] if last > first else []
-    for channel in [*every, *_commands(slew, shifts)]:
+    whole = list(every)
+    if slew.lost_command is not None:
+        known = np.where(slew.lost_command == 0, 0.0, np.nan)
+        whole.append(_Channel(slew.time + shifts.get(TORQUE, 0.0), known))
+    for channel in whole:
         spans = [part for span in spans for part in channel.without_gaps(*span)]
     return [
         _piece(campaign, slew, channels, wheels, (begin, end), shifts)
@@ -205,15 +210,6 @@ def _pieces(
     ]
 
 
-def _commands(slew: Slew, shifts: Mapping[str, float]) -> list[_Channel]:
-    """The torque commands that are known, where some were lost."""
-    if slew.lost_command is None or slew.wheel_torque is None:
-        return []
-    time = slew.time + shifts.get(TORQUE, 0.0)
-    known = np.where(slew.lost_command == 0, 0.0, np.nan)
-    return [_Channel(time, known)]
-
-
 def _piece(
     campaign: Campaign,
     slew: Slew,
@@ -221,8 +217,8 @@ def _piece(
     wheels: list[_Channel] | None,
     span: tuple[float, float],
     shifts: Mapping[str, float],
-) -> SampledSlews:
-    """One piece, at evenly spaced moments and at its fixes."""
+) -> dict[str, Any]:
+    """What `SampledSlews` has of one piece, at evenly spaced moments and at its fixes."""
     time = slew.time + shifts.get(ATTITUDE.field, 0.0)
     fixes = np.flatnonzero(slew.fixes & (time >= span[0]) & (time <= span[1]))
     if len(fixes) > LIMITS.fixes_per_slew:
@@ -234,21 +230,16 @@ def _piece(
         attitude[np.searchsorted(moments, time[fixes])] = np.asarray(slew.attitude)[fixes]
     vectors_B, vectors_N = _vectors(campaign, slew, moments)
     turn = np.stack([rate.integral(moments) for rate in rates], axis=1)
-    impulse = _impulse(slew, moments - shifts.get(TORQUE, 0.0))
-    return SampledSlews(
-        names=(slew.name,),
-        time=moments[None],
-        valid=np.ones((1, len(moments)), dtype=bool),
-        rate=np.stack([rate.at(moments) for rate in rates], axis=1)[None],
-        turn=(turn - turn[0])[None],
-        momentum=None
-        if wheels is None
-        else np.stack([w.at(moments) for w in wheels], axis=1)[None],
-        impulse=None if impulse is None else impulse[None],
-        attitude=attitude[None],
-        vectors_B=vectors_B[None],
-        vectors_N=vectors_N[None],
-    )
+    return {
+        "time": moments,
+        "rate": np.stack([rate.at(moments) for rate in rates], axis=1),
+        "turn": turn - turn[0],
+        "momentum": wheels and np.stack([w.at(moments) for w in wheels], axis=1),
+        "impulse": _impulse(slew, moments - shifts.get(TORQUE, 0.0)),
+        "attitude": attitude,
+        "vectors_B": vectors_B,
+        "vectors_N": vectors_N,
+    }
 
 
 def _vectors(campaign: Campaign, slew: Slew, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -126,11 +126,6 @@ def unmended(reading: Reading) -> Reading:
     return reading
 
 
-def with_values(**values: Any) -> Mend:
-    """A reading with other values of some of its fields."""
-    return lambda reading: replace(reading, **values)
-
-
 def followed(stream: str, matrix: np.ndarray) -> Mend:
     """A reading in which a matrix, as of a unit or sense, follows that of a field of `Slew`."""
     if stream == "time":

@@ -13,7 +13,7 @@ from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DIRECTION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading, Stated, path_of
-from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.conventions.search import Remedy, alike
 from bayes_inertia.files import vocabulary
 
 _WORDS: Mapping[str, Any] = vocabulary("conventions")
@@ -27,9 +27,9 @@ def invisible(
     """Conventions that the data cannot show, and mistakes that leave them as consistent."""
     laws = misfits.of(stated)
     said = [*_by_nature(misfits, keys), *_without_telemetry(misfits, set(laws), keys)]
-    largest = LIMITS.equal_factor * worst(laws) + LIMITS.equal_misfit
+    largest = min(alike(worst(laws)), LIMITS.ordinary)
     for mistake in singles:
-        if misfits.mends(mistake.mend(stated), min(largest, LIMITS.ordinary)):
+        if misfits.mends(mistake.mend(stated), largest):
             named = _each_once([change.key for change in mistake.changes])
             said.append(f"{', '.join(named)}{_AS_CONTENT}{mistake.words}")
     return tuple(dict.fromkeys(said))
