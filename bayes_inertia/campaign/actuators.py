@@ -196,13 +196,13 @@ class GimballedRotors:
         spin = _unit_vectors(self.spin_axes_at_zero_B, f"{key}.spin_axes_at_zero")
         pairs = f"{len(gimbal)} gimbal axes and {len(spin)} spin axes"
         require_key(len(gimbal) == len(spin), f"{key}.spin_axes_at_zero", pairs, "give one a rotor")
-        slanted = float(np.abs(np.sum(gimbal * spin, axis=1)).max())
+        lean = np.sum(gimbal * spin, axis=1, keepdims=True)
+        slanted = float(np.abs(lean).max())
         what = f"a spin axis leans {np.degrees(np.arcsin(slanted)):.2g} deg towards its gimbal axis"
         advice = "give each at right angles to its gimbal axis"
         require_key(slanted < 0.01, f"{key}.spin_axes_at_zero", what, advice)
-        lean = np.sum(gimbal * spin, axis=1, keepdims=True) * gimbal
         object.__setattr__(self, "gimbal_axes_B", gimbal)
-        object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean))
+        object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean * gimbal))
         momentum = one_an_axis(self.momentum, len(gimbal), f"{key}.momentum", positive=True)
         object.__setattr__(self, "momentum", np.array(momentum))
 
@@ -285,11 +285,9 @@ def _check(device: Any) -> None:
 def _vectors(value: Any, key: str) -> np.ndarray:
     """Vectors (k, 3), at least one, or `CampaignError`."""
     vectors = numbers(value, key)
-    good = vectors.ndim == 2 and vectors.shape[1] == 3 and len(vectors) > 0
-    good = good and bool(np.isfinite(vectors).all())
-    require_key(
-        good, key, f"shape {vectors.shape} is no list of vectors", "give three numbers each"
-    )
+    good = vectors.shape[1:] == (3,) and len(vectors) > 0 and bool(np.isfinite(vectors).all())
+    what = f"shape {vectors.shape} is no list of vectors"
+    require_key(good, key, what, "give three numbers each")
     return vectors
 
 
@@ -297,8 +295,7 @@ def _unit_vectors(value: Any, key: str) -> np.ndarray:
     """Unit vectors (k, 3), or `CampaignError`."""
     vectors = _vectors(value, key)
     lengths = np.linalg.norm(vectors, axis=1)
+    alike = bool((abs(lengths - 1.0) < 0.01).all())
     what = f"vectors of lengths {np.round(lengths, 4).tolist()}"
-    require_key(
-        bool((abs(lengths - 1.0) < 0.01).all()), key, what, "give unit vectors in body axes"
-    )
+    require_key(alike, key, what, "give unit vectors in body axes")
     return unit_length(vectors)

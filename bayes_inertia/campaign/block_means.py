@@ -70,20 +70,18 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 
 def readings_a_mean(campaign: Campaign) -> int:
     """Readings that a diagnosis averages; 1 where they stay, see `without_surplus_rows`."""
-    rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
     sensor = campaign.rate_sensor
     if sensor is None or sensor.correlated_noise is not None or campaign.more_sensors:
         return 1
-    if campaign.actuators:  # a mean would mix what they did before and after a jump
+    # A mean would mix what devices did before and after a jump.
+    if campaign.actuators or commanded:
         return 1
-    if not rates or commanded:
-        return 1
+    rates = [np.asarray(slew.rate) for slew in campaign.slews]
     rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))
     if rows <= LIMITS.rows_for_blocks:
         return 1
-    together = np.concatenate(rates)
-    steps = [quantisation_step(axis) or 0.0 for axis in together.T]
+    steps = [quantisation_step(axis) or 0.0 for axis in np.concatenate(rates).T]
     pairs = zip(steps, sensor.sigma, strict=True)
     if any(step > LIMITS.coarse_rounding * s for step, s in pairs):
         return 1
@@ -126,13 +124,12 @@ def _whole(campaign: Campaign, length: int) -> int:
     """A length, halved until enough rows with rates stand in whole blocks."""
     rated = (np.isfinite(np.asarray(slew.rate)).any(axis=1).sum() for slew in campaign.slews)
     rows, least = max(1, int(sum(rated))), LIMITS.least_kept_by_blocks
-    while length > 1 and length * _count(campaign, length) / rows < least:
+    while length > 1:
+        blocks = sum(len(_blocks(slew, length)) for slew in campaign.slews)
+        if length * blocks / rows >= least:
+            break
         length //= 2
     return length
-
-
-def _count(campaign: Campaign, length: int) -> int:
-    return sum(len(_blocks(slew, length)) for slew in campaign.slews)
 
 
 def _blocks(slew: Slew, length: int) -> np.ndarray:

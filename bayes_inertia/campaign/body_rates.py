@@ -32,12 +32,6 @@ from bayes_inertia.faults.saturated import in_range
 Campaign = Any
 
 
-def reads_body_rates(campaign: Campaign) -> bool:
-    """Whether the rate sensor reads three axes, and its noise is smaller than the motion."""
-    sensor = campaign.rate_sensor
-    return sensor is not None and len(sensor.axes) == 3 and reads_motion(campaign)
-
-
 def reads_motion(campaign: Campaign) -> bool:
     """Whether the noise of the rate sensor is smaller than the motion that it reads."""
     sensor = campaign.gyro
@@ -81,8 +75,9 @@ class BodyRates(NamedTuple):
 
 def body_rates_of(campaign: Campaign) -> BodyRates:
     """The campaign itself where its own rates will do, else with smoothed ones."""
-    if campaign.rate_sensor is not None and reads_body_rates(campaign):
-        return BodyRates(campaign, float(np.mean(campaign.rate_sensor.sigma)))
+    sensor = campaign.rate_sensor
+    if sensor is not None and len(sensor.axes) == 3 and reads_motion(campaign):
+        return BodyRates(campaign, float(np.mean(sensor.sigma)))
     return smoothed_rates(campaign)
 
 
@@ -307,10 +302,10 @@ def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.nda
     known = np.array([np.isfinite(part.body).all(axis=1) for part in seen])
     rows = np.flatnonzero(known.sum(axis=0) > 1)
     rows = rows[:: max(1, len(rows) // LIMITS.attitudes_by_directions)]
-    attitude = []
-    for row in rows:
-        both = [(seen[k], np.array([row])) for k in np.flatnonzero(known[:, row])]
-        attitude.append(_turned_together(both))
+    attitude = [
+        _turned_together([(seen[k], np.array([row])) for k in np.flatnonzero(known[:, row])])
+        for row in rows
+    ]
     sigma = LIMITS.attitude_of_directions * max(part.sigma for part in seen)
     return rows, np.array(attitude).reshape(-1, 4), sigma
 

@@ -159,8 +159,8 @@ class Campaign:
 
     def _check_devices(self) -> None:
         for name, sensor in self.more_sensors:
-            known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor)
-            known = known or hasattr(sensor, "stream")
+            kinds = RateSensor | StarTracker | DirectionSensor
+            known = isinstance(sensor, kinds) or hasattr(sensor, "stream")
             what = f"{kind_of(sensor)} is no kind of sensor"
             advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require_key(known, f"more_sensors.{name}", what, advice)
@@ -173,9 +173,8 @@ class Campaign:
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
         given = members(self.names, str, "key names")
-        require_key(
-            len(given) == 2, "names", f"{given!r} are not two", "name rate sensor and tracker"
-        )
+        what, advice = f"{given!r} are not two", "name rate sensor and tracker"
+        require_key(len(given) == 2, "names", what, advice)
         object.__setattr__(self, "names", given)
         _require_different("sensors", [*(name for name, _ in self._each_sensor()), *names])
         known = self.reference is None or self.reference in self.sensors
@@ -186,10 +185,9 @@ class Campaign:
         where = f"slews.{slew.name}"
         for key in ("wheel_torque", "wheel_momentum"):
             values = getattr(slew, key)
-            if values is not None:
-                what = f"{values.shape[1]} columns for {len(self.wheels)} wheels"
-                one_a_wheel = values.shape[1] == len(self.wheels)
-                require_key(one_a_wheel, f"{where}.{key}", what, "give one a wheel")
+            columns = len(self.wheels) if values is None else values.shape[1]
+            what = f"{columns} columns for {len(self.wheels)} wheels"
+            require_key(columns == len(self.wheels), f"{where}.{key}", what, "give one a wheel")
         finite = slew.wheel_torque is None or bool(np.isfinite(slew.wheel_torque).all())
         advice = "the simulator needs every wheel at every row: "
         advice += "repair the row or leave the columns out"

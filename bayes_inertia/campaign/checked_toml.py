@@ -83,12 +83,11 @@ _LISTS = ("wheels", "slews", "streams", "sensors", "actuators", "environment", "
 
 def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str]:
     shown = reprlib.repr(value)
-    brackets = (
-        'write a list in brackets, such as ["t_s"]'
-        if key == "names"
-        else "write numbers without quotes, in brackets where there are several"
-    )
-    brackets = f"write [[{key}]]" if key in _LISTS else brackets
+    brackets = "write numbers without quotes, in brackets where there are several"
+    if key == "names":
+        brackets = 'write a list in brackets, such as ["t_s"]'
+    elif key in _LISTS:
+        brackets = f"write [[{key}]]"
     length = message.replace("List", "the list").replace(" after validation", "")
     known = {
         "float_type": (f"{shown} is not a number", "write a number without quotes, such as 0.04"),
@@ -147,8 +146,7 @@ class _Wording:
         if choices:
             never = "" if key == "format" else ": units and senses are never guessed"
             return "missing key", f"add {key} = {' or '.join(f'"{c}"' for c in choices)}{never}"
-        field = self._fields(loc)[key]
-        return "missing key", f"add {field.description}"
+        return "missing key", f"add {self._fields(loc)[key].description}"
 
     def _forms_at(self, loc: tuple) -> list[type[BaseModel]]:
         """The forms that the table at a place may have; none if no table stands there."""
@@ -173,9 +171,7 @@ class _Wording:
         key = str(loc[-1])
         forms = self._forms_at(loc[:-1])
         fields = [form.model_fields[key] for form in forms if key in form.model_fields]
-        parts = [
-            part for field in fields for part in (*get_args(field.annotation), *field.metadata)
-        ]
+        parts = (part for x in fields for part in (*get_args(x.annotation), *x.metadata))
         return tuple(dict.fromkeys(_literals(parts)))
 
     def _nearest_key(self, key: str, loc: tuple) -> str:
@@ -253,10 +249,10 @@ def _literals(parts: Iterable[Any]) -> Iterator[str]:
     for part in parts:
         if isinstance(part, str):
             yield part
+        elif isinstance(part, UnitOf):
+            yield from UNITS[part.quantity]
         else:
-            yield from (
-                UNITS[part.quantity] if isinstance(part, UnitOf) else _literals(get_args(part))
-            )
+            yield from _literals(get_args(part))
 
 
 def _inner_forms(annotation: Any) -> list[type[BaseModel]]:

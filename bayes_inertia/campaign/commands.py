@@ -84,7 +84,10 @@ def with_short_gaps_filled(
     chosen = [gaps[i] for i in np.sort(accepted)]
     times = [at[k] + step * (_lost(nodes) - nodes[1]) for k, nodes in chosen]
     curves = [_weights(nodes) @ commands[k - 1 : k + 3] for k, nodes in chosen]
-    channels = _with_commands(channels, np.concatenate(times), np.concatenate(curves), step)
+    filled = np.concatenate(times)
+    channels = with_rows_at(channels, filled, step)
+    rows = np.searchsorted(channels["time"], filled - LIMITS.same_row * step)
+    channels["wheel_torque"][rows] = np.concatenate(curves)
     return channels, [(Dirt("gap", "torque", "", (), "modelled", note), ends)]
 
 
@@ -149,15 +152,6 @@ def _error_of_curve(
     unusual = np.where(bends > limit, bends, 0.0).reshape(2, -1).max(axis=0)
     hidden = 0.5 * len(_lost(nodes)) * step * unusual
     return float(np.linalg.norm(np.maximum(usual, hidden)))
-
-
-def _with_commands(
-    channels: Channels, times: np.ndarray, commands: np.ndarray, step: float
-) -> Channels:
-    """Channels with commands at increasing times, in rows that are there or new."""
-    grown = with_rows_at(channels, times, step)
-    grown["wheel_torque"][np.searchsorted(grown["time"], times - LIMITS.same_row * step)] = commands
-    return grown
 
 
 Interval = tuple[float, float]

@@ -220,10 +220,9 @@ class Wheel:
 
     def __post_init__(self) -> None:
         require_name(self.name, "wheels.name")
-        states = get_args(WheelState)
-        what = f"{self.state!r} is unknown"
-        known = self.state in states
-        require_key(known, f"wheels.{self.name}.state", what, f"choose one of {', '.join(states)}")
+        known, what = self.state in get_args(WheelState), f"{self.state!r} is unknown"
+        advice = f"choose one of {', '.join(get_args(WheelState))}"
+        require_key(known, f"wheels.{self.name}.state", what, advice)
         object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"wheels.{self.name}.axis"))
         require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
         for key in ("max_torque", "max_momentum", "momentum_sigma"):
@@ -496,10 +495,8 @@ class DirectionSensor:
 
     def __post_init__(self) -> None:
         key = "sensors.direction"
-        what = f"{self.unit!r} is no unit of a direction"
-        require_key(
-            self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing'
-        )
+        known, what = self.unit in ("", "T"), f"{self.unit!r} is no unit of a direction"
+        require_key(known, f"{key}.unit", what, 'give "T" for a field, else nothing')
         sigma = one_an_axis(self.sigma, 3, f"{key}.sigma", positive=True)
         alike = self.is_field or len(set(sigma)) == 1
         what = "a direction has one noise about all axes across it"

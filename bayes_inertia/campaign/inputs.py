@@ -56,11 +56,9 @@ class InputStream:
         time = numbers(self.time, f"{key}.time", advice)
         values = numbers(self.values, f"{key}.values")
         values = values[:, None] if values.ndim == 1 else values
-        known = self.between in get_args(Between)
-        kinds = ", ".join(get_args(Between))
-        require_key(
-            known, f"{key}.between", f"{self.between!r} is unknown", f"choose one of {kinds}"
-        )
+        known, what = self.between in get_args(Between), f"{self.between!r} is unknown"
+        advice = f"choose one of {', '.join(get_args(Between))}"
+        require_key(known, f"{key}.between", what, advice)
         fits = time.ndim == 1 and values.ndim == 2 and len(time) == len(values) > 0
         what = f"values of shape {values.shape} for times of shape {time.shape}"
         require_key(fits, f"{key}.values", what, "give (n,) times and (n, k) values, at least one")

@@ -83,10 +83,10 @@ def _described(document: dict[str, Any]) -> Description:
 
 
 def _require_different(parsed: format_2.CampaignPart) -> None:
+    what, advice = "the name is used twice", "give each its own name"
     for key in ("actuators", "sensors", "environment", "changes", "slews"):
         names = [part.name for part in getattr(parsed, key)]
         for name in names:
-            what, advice = "the name is used twice", "give each its own name"
             require_key(names.count(name) == 1, f"{key}.{name}", what, advice)
 
 
@@ -264,10 +264,8 @@ def _input_entry(part: format_2.OtherActuator) -> Entry:
     keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
     advice = 'add on_time = { names = [...], unit = "s" }, or level = { ... }'
     require_key(len(keys) > 0, f"{place}.on_time", "missing key", advice)
-    require_key(
-        len(keys) == 1, f"{place}.{keys[-1]}", f"{keys[0]} is given too", "keep one of the two"
-    )
-    key = keys[0]
+    key, what = keys[0], f"{keys[0]} is given too"
+    require_key(len(keys) == 1, f"{place}.{keys[-1]}", what, "keep one of the two")
     return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
 

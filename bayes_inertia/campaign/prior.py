@@ -101,9 +101,8 @@ class GaussianPrior:
     def __post_init__(self) -> None:
         key = "prior"
         for field in ("names", "logarithmic", "learnt_from"):
-            object.__setattr__(
-                self, field, members(getattr(self, field), str, f"key {key}.{field}")
-            )
+            listed = members(getattr(self, field), str, f"key {key}.{field}")
+            object.__setattr__(self, field, listed)
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
             if value is not None:
@@ -119,10 +118,8 @@ class GaussianPrior:
         what = f"{unknown[:1]} is no element of J and no scale factor"
         advice = f"choose among {', '.join(ELEMENTS)} and K1, K2, ..."
         require_key(not unknown, f"{key}.names", what, advice)
-        known = set(self.logarithmic) <= set(names)
-        require_key(
-            known, f"{key}.logarithmic", "names what has no mean", "name it under names too"
-        )
+        known, what = set(self.logarithmic) <= set(names), "names what has no mean"
+        require_key(known, f"{key}.logarithmic", what, "name it under names too")
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         require_key(finite, key, "a number is not finite", "give finite numbers")
         self._require_covariance(f"{key}.covariance")
@@ -192,9 +189,8 @@ class GaussianPrior:
         covariance[:6, :6] = np.cov(elements.T)
         mean = elements.mean(0)
         if known:
-            require_key(
-                min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1"
-            )
+            positive, what = min(scale_factors) > 0.0, "one is not above 0"
+            require_key(positive, "prior.scale_factors", what, "try 1")
             sd = 0.03 if scale_factors_sd is None else scale_factors_sd
             of_K = one_an_axis(sd, known, "prior.scale_factors_sd")
             covariance[6:, 6:] = np.diag(np.square(of_K))
@@ -391,11 +387,11 @@ def prior_in(source: str | Path) -> GaussianPrior:
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
     content = read_sealed_json(file, f"give {finished}, or a JSON file")
     if of_run or SUMMARY_KEY in content:
-        return prior_from_json(_of_summary(content, str(file)), str(file))
+        content = _of_summary(content, str(file))
     return prior_from_json(content, str(file))
 
 
-def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+def _of_summary(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     """The part of a summary that is a prior."""
     what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
     errors.require(SUMMARY_KEY in content, where, what, advice)

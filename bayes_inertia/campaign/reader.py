@@ -185,8 +185,8 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     tables = _table_paths(parsed, description)
     files = [file for part in parsed.slews for file in parsed.tables(part)]
     read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
-    orbit = _orbit_path(parsed, description)
-    read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
+    if parsed.orbit is not None and (orbit := _orbit_path(parsed, description)) is not None:
+        read.append((parsed.orbit[0], read_bytes(orbit)))
     if parsed.prior is None or parsed.prior.from_ is None:
         return read
     prior = _prior(parsed, description)
@@ -292,8 +292,8 @@ def _negligible_impulse(channels: Mapping[str, np.ndarray], parsed: Description)
     """An error of what the wheels store that no reading of the motion can tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
     seen: list[tuple[Any, list]] = [(parsed.rate_sensor, []), (parsed.star_tracker, [])]
-    read = {name: x for name, x in channels.items() if name.startswith(MORE)}
-    seen += [(x, [read[MORE + n]] if MORE + n in read else []) for n, x in parsed.more_sensors]
+    for name, sensor in parsed.more_sensors:
+        seen.append((sensor, [channels[MORE + name]] if MORE + name in channels else []))
     time = channels["time"]
     duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
     return inertia * min(

@@ -22,7 +22,7 @@ from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
 from bayes_inertia.campaign.sensors import FIRST, SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
-from bayes_inertia.errors import CampaignError, OutputError, require_kind
+from bayes_inertia.errors import CampaignError, OutputError, require, require_kind
 from bayes_inertia.files import write_new_files
 from bayes_inertia.tables.table import Table
 
@@ -67,11 +67,11 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     ['campaign.toml', 'slew_01.csv']
     """
     require_kind(campaign, Campaign, "campaign", "give a Campaign: read_campaign reads one")
-    known = {} if campaign.prior is None else {COPY_FILE: json.dumps(campaign.prior.json())}
-    files = {name: text.encode() for name, text in known.items()}
+    prior = campaign.prior
+    known = {} if prior is None else {COPY_FILE: json.dumps(prior.json()).encode()}
     description, tables = content_of(campaign)
     _require_readable(campaign, description, tables)
-    return write_new_files(folder, files | files_of(description, tables), holds="campaign")
+    return write_new_files(folder, known | files_of(description, tables), holds="campaign")
 
 
 def _require_readable(campaign: Campaign, description: str, tables: Mapping[str, Table]) -> None:
@@ -107,9 +107,9 @@ def _csv(table: Table) -> str:
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
     """The text of a campaign's description, and its tables by file."""
     for name, sensor in campaign.sensors.items():
-        if getattr(sensor, "correlated_noise", None) is not None:
-            what, advice = "a folder has no key for correlated noise", "leave it out"
-            raise OutputError(what, where=f"sensor {name}", advice=advice)
+        white = getattr(sensor, "correlated_noise", None) is None
+        what, advice = "a folder has no key for correlated noise", "leave it out"
+        require(white, f"sensor {name}", what, advice, error=OutputError)
     channels = written_channels(campaign)
     if needs_format_2(campaign, channels):
         return _content_2(campaign, channels)
@@ -390,18 +390,15 @@ def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
 
 def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
     """The tables of a slew's inputs, by file."""
-    unknown = sorted(set(slew.inputs or ()) - set(streams.inputs))
-    if unknown:
-        what = f"the input {unknown[0]!r} has the name of a sensor"
-        raise OutputError(what, where=f"slew {slew.name}", advice="give it a name of its own")
-    tables = {}
+    tables, inputs, place = {}, slew.inputs or {}, f"slew {slew.name}"
+    for name in sorted(set(inputs) - set(streams.inputs)):
+        what, advice = f"the input {name!r} has the name of a sensor", "give it a name of its own"
+        raise OutputError(what, where=place, advice=advice)
     for device, stream in streams.inputs.items():
-        if device not in (slew.inputs or {}):
-            what, advice = f"{device} has no input here", "give it in every slew"
-            raise OutputError(what, where=f"slew {slew.name}", advice=advice)
-        given = (slew.inputs or {})[device]
-        columns = {f"{stream}_{k + 1}": column for k, column in enumerate(given.values.T)}
-        columns = {"t_s": given.time, **columns}
+        what, advice = f"{device} has no input here", "give it in every slew"
+        require(device in inputs, place, what, advice, error=OutputError)
+        columns = {f"{stream}_{k + 1}": column for k, column in enumerate(inputs[device].values.T)}
+        columns = {"t_s": inputs[device].time, **columns}
         tables[f"slew_{number}_{stream}.csv"] = Table.of(slew.name, columns)
     return tables
 
@@ -480,17 +477,16 @@ def _inputs(campaign: Campaign, streams: Streams) -> list[dict[str, Any]]:
 
 def _between(campaign: Campaign, name: str) -> str:
     """What an input does between its readings, alike in all slews."""
-    kinds = {(slew.inputs or {})[name].between for slew in campaign.slews}
-    if len(kinds) > 1:
-        what = f"the input of {name!r} is {' in one slew, '.join(sorted(kinds))} in another"
-        advice = "give it one form in all slews: a campaign folder says it once"
-        raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
-    widths = {(slew.inputs or {})[name].width for slew in campaign.slews}
-    if len(widths) > 1:
-        what = f"the input of {name!r} has {' or '.join(map(str, sorted(widths)))} numbers"
-        advice = "give it as many numbers in every slew"
-        raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
-    return kinds.pop()
+    place, given = f"campaign {campaign.name}", [(s.inputs or {})[name] for s in campaign.slews]
+    kinds: list[str] = sorted({stream.between for stream in given})
+    what = f"the input of {name!r} is {' in one slew, '.join(kinds)} in another"
+    advice = "give it one form in all slews: a campaign folder says it once"
+    require(len(kinds) == 1, place, what, advice, error=OutputError)
+    widths = sorted({stream.width for stream in given})
+    what = f"the input of {name!r} has {' or '.join(map(str, widths))} numbers"
+    advice = "give it as many numbers in every slew"
+    require(len(widths) == 1, place, what, advice, error=OutputError)
+    return kinds[0]
 
 
 def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, Any]:

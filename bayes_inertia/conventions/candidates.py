@@ -31,7 +31,7 @@ from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.schema import UNITS, TimeColumn
-from bayes_inertia.campaign.sensors import BY_KEY, MOMENTUM, RATE, DirectionStream
+from bayes_inertia.campaign.sensors import BY_KEY, MOMENTUM, RATE
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.campaign.streams import Stream, StreamRows, inputs_of, stream_from_table
 from bayes_inertia.conventions.limits import LIMITS
@@ -73,9 +73,8 @@ def mistakes(campaign: Campaign, stated: Stated, own_axes: int, directions: bool
     `own_axes`: of the rate sensor; none where its readings do not count. `directions`: whether
     direction sensors are held against a law.
     """
-    tried = list(_tried(campaign, stated, directions))
-    if not own_axes:
-        tried = [each for each in tried if each.entry.field != RATE.field]
+    columns = _tried(campaign, stated, directions)
+    tried = [each for each in columns if own_axes or each.entry.field != RATE.field]
     every = [
         *(mistake for each in tried for mistake in _of_columns(each)),
         *(_of_rate_axes(campaign, stated) if own_axes else ()),
@@ -224,8 +223,8 @@ def _other_names(tried: Tried) -> Iterator[OtherColumns]:
 
 def _looks_at_earth(campaign: Campaign, name: str) -> bool:
     """Whether the field that a direction sensor is said to look at has the size of the Earth's."""
-    sensor, stream = dict(direction_sensors(campaign))[name], DirectionStream(name)
-    reading = [slew for slew in campaign.slews if stream.of(slew) is not None]
+    sensor = dict(direction_sensors(campaign))[name]
+    reading = [slew for slew in campaign.slews if name in (slew.more or {})]
     return is_of_earth([reference_of(name, sensor, slew)[1] for slew in reading])
 
 

@@ -21,7 +21,7 @@ from bayes_inertia.conventions.laws import (
     noise_ratios,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
+from bayes_inertia.conventions.motion import turn_between, without_mean
 from bayes_inertia.conventions.reading import (
     TORQUE,
     Mistake,
@@ -29,6 +29,7 @@ from bayes_inertia.conventions.reading import (
     Stated,
     direction_sensors,
     followed,
+    readings_of,
 )
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
@@ -243,8 +244,7 @@ _LIMITS = (
 
 def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float, float]]:
     """Largest usual reading and limit, by wheel or axis, where the limit is far exceeded."""
-    readings = [getattr(slew, channel) for slew in campaign.slews]
-    given = [np.abs(r) for r in readings if r is not None]
+    given = [np.abs(values) for values in readings_of(campaign, channel)]
     if not given:
         return {}
     names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
@@ -317,17 +317,14 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
 def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
     """Sensor's rate less the star tracker's (m, 3) between fixes of each rest [rad/s]."""
     slews, moving = misfits.slews, misfits.motion(reading)
-    speed = np.sqrt((moving.rate_B**2).sum(axis=-1))
+    seen, speed = slews.seen(reading), np.sqrt((moving.rate_B**2).sum(axis=-1))
     told = []
     for k in range(len(slews.time)):
         limit = FAULTS.at_rest * speed[k].max()
         rows = np.flatnonzero(slews.fixes[k])
         for first, last in _rests(rows, speed[k] < limit):
             seconds = slews.time[k, last] - slews.time[k, first]
-            q = slews.seen(reading)[k, [first, last]]
-            path = moving.path[k, [first, last]]
-            turned = angle_of(composed(turned_back(path[0]), path[1]))
-            true = angle_of(composed(turned_back(q[0]), q[1]))
+            turned, true = (turn_between(q[k, first], q[k, last]) for q in (moving.path, seen))
             told.append((turned - true) / (reading.time * seconds))
     return np.array(told)
 

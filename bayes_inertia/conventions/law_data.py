@@ -172,10 +172,9 @@ def integrated_noise(told: Told) -> np.ndarray:
 
 def bias_wander(told: Told) -> tuple[tuple[float, float], ...]:
     """Sd of each stated wandering of a rate bias [rad/s], and how long it lasts [s]."""
-    sensor, slews = told.campaign.gyro, told.campaign.slews
-    span = max(s.start + s.duration for s in slews) - min(s.start for s in slews)
+    sensor, (begin, end) = told.campaign.gyro, told.campaign.span
     # One bias is estimated for all slews.
-    walk = (sensor.rate_random_walk or 0.0) * span**0.5
+    walk = (sensor.rate_random_walk or 0.0) * (end - begin) ** 0.5
     # What is stated in a larger unit must not drown the motion.
     most = LIMITS.stale_share * rms_rate(told)
     return (

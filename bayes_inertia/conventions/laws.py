@@ -48,6 +48,7 @@ from bayes_inertia.conventions.motion import (
     motion_of,
     sampled,
     told_impulse,
+    turn_between,
     turned_back,
 )
 from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorques, as_read, stated_reading
@@ -105,9 +106,9 @@ def closure(told: Told) -> LawData | None:
     # The attitude of the first moment that each fix implies: one and the same if all is right.
     start = composed(attitude, turned_back(path))
     first = np.argmax(fixes, axis=1)
-    error = -angle_of(composed(turned_back(_at(start, first)), start)) * fixes[..., None]
-    seen = angle_of(composed(turned_back(_at(attitude, first)), attitude))
-    integrated = angle_of(composed(turned_back(_at(path, first)), path))
+    error, seen, integrated = (
+        turn_between(q[np.arange(len(q)), first][:, None], q) for q in (start, attitude, path)
+    )
     size = np.maximum(deviation(seen, fixes), deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
     noise = 0.0
@@ -118,11 +119,8 @@ def closure(told: Told) -> LawData | None:
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
     sigma = _sigma(size, noise, integrated_noise(told)[some])
-    return LawData(error, uncertain_path(told)[some], free, sigma, fixes, early, noise, bias_from=9)
-
-
-def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
-    return quaternions[np.arange(len(quaternions)), first][:, None]
+    data = -error * fixes[..., None]
+    return LawData(data, uncertain_path(told)[some], free, sigma, fixes, early, noise, bias_from=9)
 
 
 def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:

@@ -60,6 +60,11 @@ def angle_of(q: np.ndarray) -> np.ndarray:
     return q[..., :3] * np.where(norm > 1e-12, 2.0 * np.arctan2(norm, q[..., 3:]) / safe, 2.0)
 
 
+def turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) [rad] from attitudes to others, both quaternions (..., 4)."""
+    return angle_of(composed(turned_back(first), second))
+
+
 def matrix_to_start(q: np.ndarray) -> np.ndarray:
     """C(q)^T (..., 3, 3): from body axes to the axes that q (..., 4) starts from.
 

@@ -27,13 +27,7 @@ from bayes_inertia.conventions import laws
 from bayes_inertia.conventions.candidates import axes_mistake
 from bayes_inertia.conventions.law_data import LinearFit, rms_rate
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import (
-    angle_of,
-    composed,
-    nearest_rotation,
-    turned_back,
-    without_mean,
-)
+from bayes_inertia.conventions.motion import nearest_rotation, turn_between, without_mean
 from bayes_inertia.conventions.reading import Mistake, Reading, Stated, both
 
 
@@ -239,18 +233,18 @@ def _whole(rotation: np.ndarray) -> bool:
 
 
 def _from_fixes(misfits: laws.Misfits, reading: Reading) -> np.ndarray | None:
-    fixes = misfits.slews.fixes
-    some = np.flatnonzero(fixes.sum(axis=1) >= 2)
-    path = misfits.motion(reading).path
-    seen, told = [], []
-    for slew in some:
-        rows = np.flatnonzero(fixes[slew])
-        fixed = misfits.slews.seen(reading)[slew, rows]
-        seen.append(angle_of(composed(turned_back(fixed[:1]), fixed[1:])) / len(rows) ** 0.5)
-        part = path[slew, rows]
-        told.append(angle_of(composed(turned_back(part[:1]), part[1:])) / len(rows) ** 0.5)
+    slews = misfits.slews
+    some = np.flatnonzero(slews.with_two_fixes)
     if not len(some):
         return None
+    seen, told = (
+        [
+            turn_between(q[slew, rows[:1]], q[slew, rows[1:]]) / len(rows) ** 0.5
+            for slew in some
+            for rows in [np.flatnonzero(slews.fixes[slew])]
+        ]
+        for q in (slews.seen(reading), misfits.motion(reading).path)
+    )
     products = np.concatenate(seen).T @ np.concatenate(told)
     sizes = np.linalg.svd(products, compute_uv=False)
     if sizes[1] <= LIMITS.second_direction**2 * sizes[0]:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.schema import to_si
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.campaign.slew import Slew
@@ -51,11 +50,6 @@ class RateStream(SensorStream):
         """White noise of each axis [rad/s]; none without rate sensor."""
         sensor = self.hardware(campaign)
         return sensor.sigma if sensor else ()
-
-    def correlated(self, campaign: Campaign) -> CorrelatedNoise | None:
-        """As a diagnosis measured it."""
-        sensor = self.hardware(campaign)
-        return sensor.correlated_noise if sensor else None
 
 
 RATE = RateStream("rate", "rate")

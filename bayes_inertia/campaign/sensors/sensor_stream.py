@@ -127,8 +127,9 @@ class SensorStream(ABC):
         """Stated noise of each column or axis, None where it is not stated."""
 
     def correlated(self, campaign: Campaign) -> CorrelatedNoise | None:
-        """How the noise was measured to be correlated in time; None: it is white."""
-        return None
+        """How a diagnosis measured the noise to be correlated in time; None: it is white."""
+        sensor = self.hardware(campaign) if self.may_be_correlated else None
+        return sensor.correlated_noise if sensor else None
 
     def louder(self, campaign: Campaign, factor: float) -> Campaign:
         """The campaign with this sensor's stated noise multiplied."""
