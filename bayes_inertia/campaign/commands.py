@@ -60,31 +60,28 @@ def with_short_gaps_filled(
     rows = np.flatnonzero(np.isfinite(torque).all(axis=1))
     at, commands = channels["time"][rows], torque[rows]
     before, step = missing_rows(at)
-    gaps, errors = [], []
-    usual: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}
-    for k in before.tolist():
-        nodes = _nodes(at[k - 1 : k + 3], step) if 0 < k < len(at) - 2 else None
-        if nodes is not None:
-            gaps.append((k, nodes))
-            if tuple(nodes) not in usual:
-                usual[tuple(nodes)] = _usual(at, commands, nodes)
-            around = commands[k - 1 : k + 3]
-            errors.append(_error_of_curve(around, nodes, step, *usual[tuple(nodes)]))
+    found = [(k, _nodes(at[k - 1 : k + 3], step)) for k in before if 0 < k < len(at) - 2]
+    gaps = [(k, nodes) for k, nodes in found if nodes is not None]
+    forms = {tuple(nodes): nodes for _, nodes in gaps}
+    usual = {form: _usual(at, commands, nodes) for form, nodes in forms.items()}
+    errors = [
+        _error_of_curve(commands[k - 1 : k + 3], nodes, step, *usual[tuple(nodes)])
+        for k, nodes in gaps
+    ]
     order = np.argsort(errors)
     total = LIMITS.curve_error_safety * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
     accepted = order[total <= LIMITS.times_negligible * negligible]
     if not len(accepted):
         return channels, []
-    ends = np.sort(np.array([at[gaps[i][0] + n] for i in accepted for n in (0, 1)]))
-    count = sum(len(_lost(gaps[i][1])) for i in accepted)
-    note = (
-        f"commands of {count} lost row{'' if count == 1 else 's'} lie on a smooth curve through "
-        f"their neighbours; momentum errs by less than {total[len(accepted) - 1]:.2g} N m s"
-    )
     chosen = [gaps[i] for i in np.sort(accepted)]
-    times = [at[k] + step * (_lost(nodes) - nodes[1]) for k, nodes in chosen]
+    ends = np.sort(np.array([at[k + n] for k, _ in chosen for n in (0, 1)]))
+    filled = np.concatenate([at[k] + step * (_lost(nodes) - nodes[1]) for k, nodes in chosen])
     curves = [_weights(nodes) @ commands[k - 1 : k + 3] for k, nodes in chosen]
-    filled = np.concatenate(times)
+    note = (
+        f"commands of {len(filled)} lost row{'s' * (len(filled) != 1)} lie on a smooth curve "
+        "through their neighbours; momentum errs by less than "
+        f"{total[len(accepted) - 1]:.2g} N m s"
+    )
     channels = with_rows_at(channels, filled, step)
     rows = np.searchsorted(channels["time"], filled - LIMITS.same_row * step)
     channels["wheel_torque"][rows] = np.concatenate(curves)
@@ -170,27 +167,23 @@ def with_known_torques(
     >>> parts[0]["time"].tolist(), parts[0]["wheel_torque"][:, 0].tolist()
     ([1.0, 2.0, 3.0], [0.1, 0.1, 0.2])
     """
-    given = channels
-    unknown: list[Interval] = []
-    dirt: list[tuple[Dirt, np.ndarray]] = []
-    if "wheel_torque" in channels:
-        channels, dirt = with_short_gaps_filled(channels, negligible)
-        time, torque = channels["time"], channels["wheel_torque"]
-        known = np.isfinite(torque).all(axis=1)
-        unknown = _unknown_intervals(time, torque, known, negligible)
-        step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
-        short = FAULTS.longest_step * step
-        is_short = all(a == -np.inf and b - time[0] <= short for a, b in unknown)
-        if unknown and not is_short and every_wheel_is_read:
-            dirt = [_record(unknown, "measured wheel momentum drives the model", "masked")]
-            channels = {name: values for name, values in given.items() if name != "wheel_torque"}
-            unknown = []
-        else:
-            channels, unknown, records = _with_unknown_torques(channels, unknown, step)
-            dirt = dirt + records
-        # What a row commands is known until the next row is due.
-        unknown = [(a + 1.01 * step, b) for a, b in unknown]
-    return without_intervals(channels, unknown), dirt
+    if "wheel_torque" not in channels:
+        return [channels], []
+    filled, dirt = with_short_gaps_filled(channels, negligible)
+    time, torque = filled["time"], filled["wheel_torque"]
+    known = np.isfinite(torque).all(axis=1)
+    unknown = _unknown_intervals(time, torque, known, negligible)
+    step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
+    short = FAULTS.longest_step * step
+    is_short = all(a == -np.inf and b - time[0] <= short for a, b in unknown)
+    if unknown and not is_short and every_wheel_is_read:
+        record = _record(unknown, "measured wheel momentum drives the model", "masked")
+        others = {name: values for name, values in channels.items() if name != "wheel_torque"}
+        return [others], [record]
+    filled, unknown, records = _with_unknown_torques(filled, unknown, step)
+    # What a row commands is known until the next row is due.
+    unknown = [(a + 1.01 * step, b) for a, b in unknown]
+    return without_intervals(filled, unknown), dirt + records
 
 
 def _with_unknown_torques(

@@ -183,20 +183,16 @@ class GaussianPrior:
         known = len(scale_factors)
         what, advice = "there are no scale_factors that it belongs to", "give their medians, or 1"
         require_key(known > 0 or scale_factors_sd is None, "prior.scale_factors_sd", what, advice)
-        logarithmic: tuple[str, ...] = _MOMENTS
+        positive, what = known == 0 or min(scale_factors) > 0.0, "one is not above 0"
+        require_key(positive, "prior.scale_factors", what, "try 1")
+        sd = 0.03 if scale_factors_sd is None else scale_factors_sd
+        of_K = one_an_axis(sd, known, "prior.scale_factors_sd")
         names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
         covariance = np.zeros((6 + known, 6 + known))
         covariance[:6, :6] = np.cov(elements.T)
-        mean = elements.mean(0)
-        if known:
-            positive, what = min(scale_factors) > 0.0, "one is not above 0"
-            require_key(positive, "prior.scale_factors", what, "try 1")
-            sd = 0.03 if scale_factors_sd is None else scale_factors_sd
-            of_K = one_an_axis(sd, known, "prior.scale_factors_sd")
-            covariance[6:, 6:] = np.diag(np.square(of_K))
-            mean = np.concatenate([mean, np.log(scale_factors)])
-            logarithmic = (*_MOMENTS, *names[6:])
-        return cls(names, mean, covariance, logarithmic=logarithmic)
+        covariance[6:, 6:] = np.diag(np.square(of_K))
+        mean = np.concatenate([elements.mean(0), np.log(scale_factors)])
+        return cls(names, mean, covariance, logarithmic=(*_MOMENTS, *names[6:]))
 
     def _require_ends(self, key: str) -> None:
         low = -np.inf if self.lower is None else self.lower
