@@ -241,10 +241,8 @@ class Slew:
             return np.zeros(0, dtype=int), np.zeros((0, 3))
         valid = np.isfinite(self.rate) if valid is None else valid
         rows = np.flatnonzero(valid.all(axis=1))
-        if (
-            len(rows) > LIMITS.enough_complete_rows * valid.any(axis=1).sum()
-            or not valid.any(0).all()
-        ):
+        rare = LIMITS.enough_complete_rows * valid.any(axis=1).sum()
+        if len(rows) > rare or not valid.any(axis=0).all():
             return rows, self.rate[rows]
         given = [np.flatnonzero(axis) for axis in valid.T]
         rows = np.arange(max(k[0] for k in given), min(k[-1] for k in given) + 1)
@@ -348,7 +346,6 @@ def between_fix_groups(slew: Slew, fixed: np.ndarray) -> np.ndarray:
     time = slew.time[fixed] - slew.time[0]
     steps = np.diff(time)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    apart = (steps > LIMITS.fix_group_share * slew.duration) | (
-        steps > LIMITS.fix_group_spacings * usual
-    )
+    longest = min(LIMITS.fix_group_share * slew.duration, LIMITS.fix_group_spacings * usual)
+    apart = steps > longest
     return time[1:][apart] - 0.5 * steps[apart]

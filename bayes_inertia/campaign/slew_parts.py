@@ -171,8 +171,7 @@ def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
     slopes = []
     for rows in (slice(max(0, k + 1 - n), k + 1), slice(k + 1, k + 1 + n)):
         t, h = at[rows], momentum[rows]
-        enough = len(t) > 1
-        slopes.append(np.polyfit(t - t[0], h, 1)[0] if enough else 0.0)
+        slopes.append(np.polyfit(t - t[0], h, 1)[0] if len(t) > 1 else 0.0)
     mean = (momentum[k + 1] - momentum[k]) / length
     change = abs(slopes[1] - slopes[0])
     lack = abs(mean - 0.5 * (slopes[0] + slopes[1]))

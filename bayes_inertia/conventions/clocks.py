@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -92,23 +93,22 @@ def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[R
     fields = list(dict.fromkeys(entry.field for entry in stated.held))
     wheels = [field for field in fields if field in (TORQUE, MOMENTUM.field)]
     longest = max(slew.duration for slew in campaign.slews)
+    sizes = [size for size in KNOWN_OFFSETS if size < longest]
+    groups = [*([field] for field in fields), *([wheels] if len(wheels) > 1 else [])]
     found = []
-    for streams in (*([field] for field in fields), *([wheels] if len(wheels) > 1 else [])):
-        for offset in KNOWN_OFFSETS:
-            for seconds in (-offset, offset) if offset < longest else ():
-                shifts = dict.fromkeys(streams, seconds)
-                moved = misfits.shifted(shifts)
-                alone = streams == [ATTITUDE.field]
-                least = LIMITS.share_beside_rates * fixes if alone else 0.0
-                if moved is None or moved.slews.fixes.sum() < least:
-                    continue
-                if _turned(moved.slews) < LIMITS.motion_left * turned:
-                    continue
-                fits = moved.of(reading)
-                after = worst(fits)
-                mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
-                if mends and _still_tested(laws, fits, streams):
-                    found.append(Remedy(_mistake(stated, shifts), before, after))
+    for streams, size, sign in product(groups, sizes, (-1.0, 1.0)):
+        shifts = dict.fromkeys(streams, sign * size)
+        moved = misfits.shifted(shifts)
+        least = LIMITS.share_beside_rates * fixes if streams == [ATTITUDE.field] else 0.0
+        if moved is None or moved.slews.fixes.sum() < least:
+            continue
+        if _turned(moved.slews) < LIMITS.motion_left * turned:
+            continue
+        fits = moved.of(reading)
+        after = worst(fits)
+        mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
+        if mends and _still_tested(laws, fits, streams):
+            found.append(Remedy(_mistake(stated, shifts), before, after))
     best = min((remedy.after for remedy in found), default=0.0)
     return tuple(remedy for remedy in found if remedy.after <= alike(best))
 

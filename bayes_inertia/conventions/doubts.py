@@ -64,10 +64,8 @@ def _place(misfits: Misfits, law: str, fit: LinearFit) -> str:
         wheels = misfits.campaign.wheels
         slew = misfits.slews.names[row // len(wheels)]
         return f"{wheels[row % len(wheels)].name} of {slew} is off by {fit.misfit[row]:.2g} sd"
-    held = (
-        misfits.slews.with_two_fixes if law == CLOSURE else np.ones(len(misfits.slews.names), bool)
-    )
-    slew = misfits.slews.names[np.flatnonzero(held)[row]]
+    names = np.array(misfits.slews.names)
+    slew = (names[misfits.slews.with_two_fixes] if law == CLOSURE else names)[row]
     most = int(np.argmax(fit.by_component[row]))
     if law == DIRECTION:
         sensor = direction_sensors(misfits.campaign)[most // 3][0]

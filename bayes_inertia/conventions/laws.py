@@ -139,15 +139,14 @@ def conservation(told: Told) -> LawData | None:
         return None
     body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
     torques = told.torques.under(told.reading)
-    given = told_impulse(slews, moving, torques)
-    stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
+    added, by_prior, carried = told_impulse(slews, moving, torques)
+    stored = np.einsum("snij,snj->sni", to_start, wheels_B) + carried
     size = np.maximum(deviation(body, valid), deviation(stored, valid))
     if not told.campaign.wheels:
         size = np.maximum(size, norm_of(body, valid))
     total = body + stored
     uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
     if torques:
-        added, by_prior, _ = given
         total = total - told.reading.time * added
         uncertain = np.concatenate([uncertain, LIMITS.gain_sd * added[..., None]], axis=-1)
         doubt = told.reading.time * np.sqrt(np.mean(by_prior**2, axis=1))

@@ -253,11 +253,9 @@ def _vectors(campaign: Campaign, slew: Slew, moments: np.ndarray) -> tuple[np.nd
     read = np.full((len(moments), len(sensors), 3), np.nan)
     there = np.zeros(read.shape)
     for k, (name, sensor) in enumerate(sensors):
-        values = (slew.more or {}).get(name)
-        rows = np.zeros(0, dtype=int)
-        if values is not None:
-            rows = np.flatnonzero(np.isfinite(values).all(axis=1))
-        if values is None or len(rows) < 2:
+        values = (slew.more or {}).get(name, np.zeros((0, 3)))
+        rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+        if len(rows) < 2:
             continue
         columns = [_Channel(slew.time[rows], column) for column in values[rows].T]
         time, reference_N = reference_of(name, sensor, slew)

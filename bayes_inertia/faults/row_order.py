@@ -60,10 +60,9 @@ def _explained(
     kept = stamps[others]  # Never goes back.
     at = np.searchsorted(kept, stamps[late])
     same = others[np.minimum(at, len(kept) - 1)]
-    again = (stamps[same] == stamps[late]) & np.all(
-        (contents[same] == contents[late]) | np.isnan(contents[same]) | np.isnan(contents[late]),
-        axis=1,
-    )
+    own, other = contents[late], contents[same]
+    alike = (own == other) | np.isnan(own) | np.isnan(other)
+    again = (stamps[same] == stamps[late]) & alike.all(axis=1)
     bounds = np.concatenate([[-np.inf], kept, [np.inf]])
     new = np.flatnonzero(~again)
     new = new[np.lexsort((stamps[late[new]], at[new]))]
@@ -162,9 +161,8 @@ def _far_off_rows(table: Table, time: str) -> np.ndarray:
     steps = np.diff(np.unique(stamps))
     if len(steps) < 2:
         return np.zeros(0, dtype=int)
-    limit = max(
-        LIMITS.far_off_durations * len(stamps) * float(np.median(steps)), LIMITS.longest_break
-    )
+    durations = LIMITS.far_off_durations * len(stamps) * float(np.median(steps))
+    limit = max(durations, LIMITS.longest_break)
     with np.errstate(over="ignore"):
         distance = np.abs(stamps - np.median(stamps))
     far = np.flatnonzero(distance > limit)

@@ -166,17 +166,16 @@ def _resolution(time: np.ndarray, step: float) -> float | None:
     largest; the latter is the one that every stamp is rounded to at least as well as.
     """
     largest = float(np.abs(time).max())
+    least, most = LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
     # A wild stamp overflows, and is none of 32 bits.
     with np.errstate(over="ignore"):
         single = time.astype(np.float32).astype(float)
     if np.array_equal(single, time):
         resolution = float(np.spacing(np.float32(largest)))
-        if resolution > LIMITS.fine_resolution * step:
-            return resolution if resolution <= LIMITS.coarse_resolution * step else None
+        if resolution > least:
+            return resolution if resolution <= most else None
     fuzz = 4.0 * float(np.spacing(largest)) + 1e-9 * step
-    for resolution in _round_numbers(
-        LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
-    ):
+    for resolution in _round_numbers(least, most):
         if np.all(np.abs(time - resolution * np.round(time / resolution)) <= fuzz):
             return resolution
     return None
@@ -202,9 +201,6 @@ def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None
     if np.ptp(near) < 0.5 * resolution:
         return None
     fitted, rows, _ = clock_through(time)
-    if (
-        np.any(np.diff(rows) < 1.0)
-        or np.abs(fitted + time[0] - time).max() > LIMITS.half_resolution * resolution
-    ):
-        return None
-    return fitted + time[0]
+    clock = fitted + time[0]
+    strays = np.abs(clock - time).max() > LIMITS.half_resolution * resolution
+    return None if strays or np.any(np.diff(rows) < 1.0) else clock
