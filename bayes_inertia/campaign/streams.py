@@ -147,17 +147,16 @@ def on_their_clocks(streams: Sequence[StreamRows]) -> list[StreamRows]:
     """
     placed = [_rounded(rows) for rows in streams]
     result = [rows.at(rows.stamps, record) for rows, record in placed]
-    uneven: dict[tuple, list[int]] = {}
+    uneven: dict[tuple, list[tuple[int, StreamRows, Dirt]]] = {}
     for k, (rows, record) in enumerate(placed):
         if record is not None and record.treated == "ignored":
             stream = rows.stream
             paths = tuple(entry.path for entry in stream.entries)
-            uneven.setdefault((stream.time.names[0], paths, stream.offset_s), []).append(k)
+            clock = (stream.time.names[0], paths, stream.offset_s)
+            uneven.setdefault(clock, []).append((k, rows, record))
     for alike in uneven.values():
-        slope = _slope([placed[k][0] for k in alike])
-        for k in alike:
-            rows, record = placed[k]
-            assert record is not None
+        slope = _slope([rows for _, rows, _ in alike])
+        for k, rows, record in alike:
             result[k] = _of_jitter(rows, record, slope)
     return result
 
@@ -286,11 +285,10 @@ def stream_from_table(
         if values is None:
             continue
         if entry.wheels:
-            whole = np.full((len(time), len(spin_inertias)), np.nan)
-            whole = channels.get(entry.field, whole)
-            whole[:, wheels] = values
-            values = whole
-        channels[entry.field] = values
+            none = np.full((len(time), len(spin_inertias)), np.nan)
+            channels.setdefault(entry.field, none)[:, wheels] = values
+        else:
+            channels[entry.field] = values
     return channels
 
 

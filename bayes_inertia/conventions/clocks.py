@@ -198,10 +198,9 @@ def _proposals(
             yield {RATE.field: -wheels.seconds}, wheels
         return
     if wheels is None or CONSERVATION not in gross:
-        for law, field in ((CLOSURE, ATTITUDE.field), (DRIVE, TORQUE)):
-            if law in gross:
-                yield {field: gross[law].seconds}, gross[law]
-                return
+        alone = CLOSURE if CLOSURE in gross else DRIVE
+        if alone in gross:
+            yield {channel_of(misfits, alone): gross[alone].seconds}, gross[alone]
         return
     of_wheels = dict.fromkeys(both, wheels.seconds)
     if commands is not None and _one(commands.seconds, -wheels.seconds):
