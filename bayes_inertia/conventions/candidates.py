@@ -48,6 +48,7 @@ from bayes_inertia.conventions.reading import (
     followed,
     key_changes,
     preceded,
+    readings_of,
     said_of,
 )
 from bayes_inertia.files import vocabulary
@@ -137,12 +138,10 @@ def _tried(campaign: Campaign, stated: Stated, directions: bool) -> Iterator[Tri
     sensors = {n: s for n, s in direction_sensors(campaign) if directions and n in read}
     # Of a field as read and as looked at, that is in another unit which no planet has.
     right = {name: _looks_at_earth(campaign, name) for name in sensors}
-    looked_at = [
-        name
+    counts = any(isinstance(device, Magnetorquer) for device in campaign.actuators) or any(
+        sensor.reference_N is None and not stated.of(f"{INPUTS}{name}")
         for name, sensor in sensors.items()
-        if sensor.reference_N is None and not stated.of(f"{INPUTS}{name}")
-    ]
-    turned = any(isinstance(device, Magnetorquer) for device in campaign.actuators)
+    )
     first = {entry.field for entry in stated.held} | {"time"}
     for entry in stated.entries:
         name = entry.field.removeprefix(MORE).removeprefix(INPUTS)
@@ -153,11 +152,9 @@ def _tried(campaign: Campaign, stated: Stated, directions: bool) -> Iterator[Tri
             # No thrust is negative.
             signs, vector = not isinstance(device, Thruster), isinstance(device, KnownTorque)
             yield tried(device.name, signs, vector)
-        elif entry.field == FIELD and (turned or looked_at):
-            given = [x for s in campaign.slews if (x := s.magnetic_field_N) is not None]
-            if given:
-                of_unit = 2 if is_of_earth(given) else 1
-                yield tried("the magnetic field", True, of_unit=of_unit, rarer=1)
+        elif entry.field == FIELD and counts and (given := readings_of(campaign, FIELD)):
+            of_unit = 2 if is_of_earth(given) else 1
+            yield tried("the magnetic field", True, of_unit=of_unit, rarer=1)
         elif entry.field == f"{INPUTS}{name}" and name in sensors:
             of_unit = 2 if right[name] else 1
             yield tried(f"what the {name} looks at", True, True, of_unit, 1)

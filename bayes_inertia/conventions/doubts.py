@@ -245,14 +245,11 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
     given = [np.abs(values) for values in readings_of(campaign, channel)]
     if not given:
         return {}
-    names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
-    stated = [getattr(wheel, key, None) for wheel in campaign.wheels]
+    sensor, beyond = campaign.rate_sensor, {}
+    stated = [(wheel.name, getattr(wheel, key, None)) for wheel in campaign.wheels]
     if key == "range":
-        sensor = campaign.rate_sensor
-        names = axis_names(sensor)
-        stated = [sensor.range if sensor else None] * len(names)
-    beyond = {}
-    for k, (name, limit) in enumerate(zip(names, stated, strict=True)):
+        stated = [(axis, sensor.range if sensor else None) for axis in axis_names(sensor)]
+    for k, (name, limit) in enumerate(stated):
         column = np.concatenate([values[:, k] for values in given])
         column = column[np.isfinite(column)]
         # A few outliers are no unit: the limit must be far exceeded in a hundredth of the rows.

@@ -189,13 +189,13 @@ def _pieces(
     rates = _believable_rates(campaign, slew).T
     own, shift = len(rates) - smoothed, shifts.get(RATE.field, 0.0)
     channels = [_Channel(slew.time + shift * (k < own), axis) for k, axis in enumerate(rates)]
-    wheels = None
-    if slew.wheel_momentum is not None and slew.wheel_momentum.shape[1]:
+    wheels: list[_Channel] = []
+    if slew.wheel_momentum is not None and not no_tachometers:
         time = slew.time + shifts.get(MOMENTUM.field, 0.0)
         wheels = [_Channel(time, column) for column in slew.wheel_momentum.T]
-        if no_tachometers or any(len(wheel.time) < 2 for wheel in wheels):
-            wheels = None
-    every = [*channels, *(wheels or [])]
+    if any(len(wheel.time) < 2 for wheel in wheels):
+        wheels = []
+    every = [*channels, *wheels]
     if any(len(channel.time) < 2 for channel in every):
         return []
     first = max(channel.time[0] for channel in every)
@@ -219,7 +219,7 @@ def _piece(
     campaign: Campaign,
     slew: Slew,
     rates: list[_Channel],
-    wheels: list[_Channel] | None,
+    wheels: list[_Channel],
     span: tuple[float, float],
     shifts: Mapping[str, float],
 ) -> dict[str, Any]:
@@ -239,7 +239,7 @@ def _piece(
         "time": moments,
         "rate": np.stack([rate.at(moments) for rate in rates], axis=1),
         "turn": turn - turn[0],
-        "momentum": wheels and np.stack([w.at(moments) for w in wheels], axis=1),
+        "momentum": np.stack([w.at(moments) for w in wheels], axis=1) if wheels else None,
         "impulse": _impulse(slew, moments - shifts.get(TORQUE, 0.0)),
         "attitude": attitude,
         "vectors_B": vectors_B,
