@@ -502,13 +502,7 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
         require_quaternions(readings, key)
 
 
-_MEMBERS = {
-    "wheels": Wheel,
-    "dirt": Dirt,
-    "slews": Slew,
-    "changes": Change,
-    "actuators": Actuator,
-}
+_MEMBERS = {"wheels": Wheel, "dirt": Dirt, "slews": Slew, "changes": Change, "actuators": Actuator}
 _KINDS = {
     "inertia": InertiaPrior,
     "rate_sensor": RateSensor,

@@ -284,18 +284,15 @@ def _wheel_entries(wheels: Sequence[format_2.WheelDevice]) -> list[Entry]:
     """Commands and tachometers; wheels that say the same of their columns share an entry."""
     entries = []
     for kind in ("torque", "momentum", "speed"):
-        alike: dict[Any, list[tuple[int, format_2.WheelDevice]]] = {}
+        key, alike = f"wheel_{kind}", dict[str, list[tuple[int, str, Any]]]()
         for i, part in enumerate(wheels):
             columns = getattr(part, kind)
             if columns is not None:
                 said = columns.model_dump_json(exclude={"names", "sigma"})
-                alike.setdefault(said, []).append((i, part))
+                alike.setdefault(said, []).append((i, f"actuators.{part.name}.{kind}", columns))
         for members in alike.values():
-            names = [getattr(part, kind).names[0] for _, part in members]
-            columns = getattr(members[0][1], kind).model_copy(update={"names": names})
-            paths = tuple(f"actuators.{part.name}.{kind}" for _, part in members)
-            key = f"wheel_{kind}"
-            where = tuple(i for i, _ in members)
+            where, paths, told = zip(*members, strict=True)
+            columns = told[0].model_copy(update={"names": [each.names[0] for each in told]})
             entries.append(Entry(key, FIELDS.get(key, key), columns, paths, where))
     _check_wheels(wheels)
     return entries

@@ -383,16 +383,11 @@ def prior_in(source: str | Path) -> GaussianPrior:
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
     content = read_sealed_json(file, f"give {finished}, or a JSON file")
     if of_run or SUMMARY_KEY in content:
-        content = _of_summary(content, str(file))
+        what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
+        errors.require(SUMMARY_KEY in content, str(file), what, advice)
+        known = of_trusted(content[SUMMARY_KEY], str(file))
+        content = {"includes_wheel_spin": content.get("includes_wheel_spin"), **known}
     return prior_from_json(content, str(file))
-
-
-def _of_summary(content: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The part of a summary that is a prior."""
-    what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
-    errors.require(SUMMARY_KEY in content, where, what, advice)
-    known: Mapping[str, Any] = of_trusted(content[SUMMARY_KEY], where)
-    return {"includes_wheel_spin": content.get("includes_wheel_spin"), **known}
 
 
 def of_trusted[T](known: T | None, where: str) -> T:

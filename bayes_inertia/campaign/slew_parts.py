@@ -94,14 +94,14 @@ def without_intervals(
     for after, before in intervals:
         part_of[(time > after) & (time < before) & (part_of >= 0)] = -1
         part_of[(time >= before) & (part_of >= 0)] += 1
-    parts = []
-    for part in range(len(intervals) + 1):
-        rows = part_of == part
-        rate = channels.get("rate")
-        useful = rows if rate is None else rows & np.isfinite(rate).any(axis=1)
-        if useful.sum() >= fewest:
-            parts.append({name: values[rows] for name, values in channels.items()})
-    return parts
+    rate = channels.get("rate")
+    useful = np.ones(len(time), bool) if rate is None else np.isfinite(rate).any(axis=1)
+    every = (part_of == part for part in range(len(intervals) + 1))
+    return [
+        {name: values[rows] for name, values in channels.items()}
+        for rows in every
+        if (rows & useful).sum() >= fewest
+    ]
 
 
 _CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")

@@ -84,10 +84,8 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
     row = np.empty(len(times), dtype=int)
     row[order] = np.cumsum(is_new) - 1
     joined: dict[str, np.ndarray] = {"time": times[order][is_new]}
-    begin = 0
-    for stream in streams:
-        rows = row[begin : begin + len(stream["time"])]
-        begin += len(rows)
+    ends = np.cumsum([len(stream["time"]) for stream in streams])
+    for stream, rows in zip(streams, np.split(row, ends[:-1]), strict=True):
         if np.any(np.diff(rows) == 0):
             at = float(stream["time"][int(np.argmin(np.diff(rows)))])
             what = f"two rows near the time {at!r} s are closer than {resolution:.1g} s"

@@ -90,11 +90,6 @@ class Series:
     limit: str = ""
     whole: bool = False
 
-    @property
-    def rows(self) -> np.ndarray:
-        """Rows (m,) that hold a reading."""
-        return np.flatnonzero(np.isfinite(self.values).any(axis=1))
-
 
 @dataclass(frozen=True, eq=False)
 class Fault:

@@ -15,12 +15,9 @@ def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
     (array([4]), 1.0)
     """
     steps = np.diff(time)
-    if not len(steps):
-        return np.zeros(0, dtype=int), 0.0
-    step = float(np.median(steps))
-    if not is_regular(time):
-        return np.zeros(0, dtype=int), step
-    return np.flatnonzero(steps > LIMITS.longest_step * step), step
+    step = float(np.median(steps)) if len(steps) else 0.0
+    gaps = steps > LIMITS.longest_step * step if is_regular(time) else np.zeros(0)
+    return np.flatnonzero(gaps), step
 
 
 def is_regular(time: np.ndarray) -> bool:
@@ -49,13 +46,14 @@ def detect(series: Series) -> list[Fault]:
 
     They cost information and nothing else: the motion is integrated across them.
     """
-    rows = series.rows
-    before, _ = missing_rows(series.time[rows])
+    rows = np.flatnonzero(np.isfinite(series.values).any(axis=1))
+    time = series.time[rows]
+    before, _ = missing_rows(time)
     if series.whole or not len(before):
         return []
     mask = np.zeros(series.values.shape, dtype=bool)
     mask[rows[before]] = True
-    longest = float(np.diff(series.time[rows])[before].max())
+    longest = float(np.diff(time)[before].max())
     return [Fault("gap", mask, "ignored", gap_note(len(before), longest))]
 
 

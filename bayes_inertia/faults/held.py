@@ -79,9 +79,7 @@ def _beside(axes: Sequence[HeldReadings | None]) -> HeldReadings | None:
     return HeldReadings(np.hstack(repeats), np.concatenate([axis.lengths for axis in held]))
 
 
-def _held_rows(
-    series: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> list[HeldReadings | None]:
+def _held_rows(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[HeldReadings | None]:
     """Held rows of each series, by the evidence of all; None where no row repeats another."""
     given = [np.flatnonzero(np.isfinite(values).any(axis=1)) for _, values in series]
     both = zip(series, given, strict=True)

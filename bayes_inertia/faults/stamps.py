@@ -71,9 +71,7 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     return fitted + time[0], ""
 
 
-def slope_of_readings(
-    slews: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-) -> StampSlope:
+def slope_of_readings(slews: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> StampSlope:
     """Whether readings (n, width) of slews move with the jitter of stamps about a clock's times."""
     products, squares = [], []
     for stamps, clock, readings in slews:

@@ -24,11 +24,7 @@ class AttitudeStream(SensorStream):
     keys = ("attitude",)
     first = "star_tracker"
     noise = ("sigma_cross", "sigma_roll")
-    written = (
-        "attitude",
-        {"scalar": "last", "maps": "inertial_to_body"},
-        ("q1", "q2", "q3", "q4"),
-    )
+    written = ("attitude", {"scalar": "last", "maps": "inertial_to_body"}, ("q1", "q2", "q3", "q4"))
     is_series = False
 
     def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
