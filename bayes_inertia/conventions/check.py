@@ -327,8 +327,7 @@ def _without_locked_wheels(case: _Case) -> _Case:
         return case
     # Others that rest are locked by the reader, and read zero.
     running = replace(case.campaign, wheels=case.written.wheels).without_locked_wheels()
-    names = [wheel.name for wheel in written.wheels]
-    kept = [k for k, wheel in enumerate(case.written.wheels) if wheel.name in names]
+    kept = [k for k, wheel in enumerate(case.written.wheels) if wheel.state != "locked"]
     return replace(case, campaign=running, written=written, stated=case.stated.of_wheels(kept))
 
 
@@ -474,9 +473,7 @@ def _in_one_unit(campaign: Campaign, stream: SensorStream) -> bool:
     """Whether the noise of a channel agrees with what is stated, as both are read now."""
     ratio = noise_ratios(campaign, stream)
     known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    if not len(known):
-        return False
-    return bool(np.all(np.abs(np.log(known)) < np.log(LIMITS.one_unit)))
+    return len(known) > 0 and bool(np.all(np.abs(np.log(known)) < np.log(LIMITS.one_unit)))
 
 
 def _times(value: Any, factor: float) -> Any:

@@ -136,7 +136,8 @@ def streams_apart(campaign: Campaign, stated: Stated) -> tuple[str, ...]:
     for entry in stated.held:
         pairs = [(_times(slew, entry.field), _times(slew, RATE.field)) for slew in campaign.slews]
         pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
-        if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
+        beside = (((t >= rates[0]) & (t <= rates[-1])).any() for t, rates in pairs)
+        if pairs and not any(beside):
             said.append(_apart_in_words(entry, pairs))
     return tuple(said)
 
@@ -145,10 +146,6 @@ def _times(slew: Slew, channel: str) -> np.ndarray:
     """Times of the rows that hold a reading of a channel [s]."""
     values = getattr(slew, channel)
     return slew.time[:0] if values is None else slew.time[np.isfinite(values).any(axis=1)]
-
-
-def _beside(own: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    return (own >= rates[0]) & (own <= rates[-1])
 
 
 def _apart_in_words(entry: Entry, pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> str:

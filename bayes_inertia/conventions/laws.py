@@ -111,10 +111,9 @@ def closure(told: Told) -> LawData | None:
     )
     size = np.maximum(deviation(seen, fixes), deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
-    noise = 0.0
-    if tracker is not None:
-        of_fix = (tracker.sigma_cross, tracker.sigma_roll, tracker.low_frequency_sigma or 0.0)
-        noise = float(np.linalg.norm(of_fix))
+    assert tracker is not None  # no campaign has fixes without one
+    of_fix = (tracker.sigma_cross, tracker.sigma_roll, tracker.low_frequency_sigma or 0.0)
+    noise = float(np.linalg.norm(of_fix))
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]

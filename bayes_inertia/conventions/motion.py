@@ -283,12 +283,9 @@ def _believable_rates(campaign: Campaign, slew: Slew) -> np.ndarray:
 
     Readings far beyond the range are not saturated but in another unit, or the range is.
     """
-    rate = np.array(slew.rate)
-    limit = campaign.gyro.range
-    if limit:
-        pinned = np.abs(np.abs(np.nan_to_num(rate)) / limit - 1.0) < 0.01
-        rate[pinned] = np.nan
-    return rate
+    rate, limit = np.array(slew.rate), campaign.gyro.range or np.inf
+    pinned = np.abs(np.abs(np.nan_to_num(rate)) / limit - 1.0) < 0.01
+    return np.where(pinned, np.nan, rate)
 
 
 class _Channel:
