@@ -170,11 +170,10 @@ def _table_of(slew: Slew, channels: Sequence[Written]) -> Table:
     made = {"t_s": slew.time}
     for channel in (channel for channel in channels if channel.in_table(slew)):
         values = channel.values(slew)
-        lost = slew.lost_command if channel.channel == "wheel_torque" else None
-        if lost is not None and values is not None:
-            values = np.where((lost > 0)[:, None], np.nan, values)
         if values is None:
             values = np.full((len(slew.time), len(channel.names)), np.nan)
+        if channel.channel == "wheel_torque" and slew.lost_command is not None:
+            values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         columns = zip(channel.names, values.T, strict=True)
         made |= {name: column for name, column in columns if name}
     return Table.of(f"slew {slew.name}", made)

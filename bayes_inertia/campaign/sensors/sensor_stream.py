@@ -81,8 +81,7 @@ class SensorStream(ABC):
     def with_hardware(self, campaign: Campaign, hardware: Any) -> Campaign:
         """The campaign with another sensor in its place."""
         if self.field:
-            changed: dict[str, Any] = {self.first: hardware}
-            return replace(campaign, **changed)
+            return replace(campaign, **{self.first: hardware})
         sensors = dict(campaign.more_sensors) | {self.name: hardware}
         return replace(campaign, more_sensors=tuple(sensors.items()))
 
