@@ -18,25 +18,7 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia.app.commands.campaigns import new_command, simulate_command
-from bayes_inertia.app.commands.check import check_command, doctor_command, effects_command
-from bayes_inertia.app.commands.import_raw import import_command
-from bayes_inertia.app.commands.many import (
-    fit_many_command,
-    fleet_command,
-    history_command,
-    study_command,
-)
-from bayes_inertia.app.commands.plans import compare_command, design_command, observe_command
-from bayes_inertia.app.commands.runs import (
-    demo_command,
-    diagnose_command,
-    export_command,
-    fit_command,
-    report_command,
-    resume_command,
-    update_command,
-)
+from bayes_inertia.app.commands import campaigns, check, import_raw, many, plans, runs
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.options import described, example_of
@@ -45,26 +27,26 @@ from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "new": new_command,
-    "import": import_command,
-    "check": check_command,
-    "fit": fit_command,
-    "fit-many": fit_many_command,
-    "update": update_command,
-    "diagnose": diagnose_command,
-    "observe": observe_command,
-    "design": design_command,
-    "compare": compare_command,
-    "history": history_command,
-    "fleet": fleet_command,
-    "study": study_command,
-    "resume": resume_command,
-    "report": report_command,
-    "export": export_command,
-    "simulate": simulate_command,
-    "effects": effects_command,
-    "demo": demo_command,
-    "doctor": doctor_command,
+    "new": campaigns.new_command,
+    "import": import_raw.import_command,
+    "check": check.check_command,
+    "fit": runs.fit_command,
+    "fit-many": many.fit_many_command,
+    "update": runs.update_command,
+    "diagnose": runs.diagnose_command,
+    "observe": plans.observe_command,
+    "design": plans.design_command,
+    "compare": plans.compare_command,
+    "history": many.history_command,
+    "fleet": many.fleet_command,
+    "study": many.study_command,
+    "resume": runs.resume_command,
+    "report": runs.report_command,
+    "export": runs.export_command,
+    "simulate": campaigns.simulate_command,
+    "effects": check.effects_command,
+    "demo": runs.demo_command,
+    "doctor": check.doctor_command,
 }
 
 
