@@ -96,12 +96,9 @@ def _formulas(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 def _settings(effect: Effect) -> dict[str, Any]:
     """Fields of an effect that are plain numbers or names, and differ from their defaults."""
-    values = {f.name: (getattr(effect, f.name), f.default) for f in fields(effect)}
-    return {
-        name: value
-        for name, (value, default) in values.items()
-        if value != default and isinstance(value, int | float | str)
-    }
+    told = ((f.name, getattr(effect, f.name), f.default) for f in fields(effect))
+    changed = {name: value for name, value, default in told if value != default}
+    return {name: x for name, x in changed.items() if isinstance(x, int | float | str)}
 
 
 def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRARY) -> NextFit:
@@ -146,7 +143,7 @@ def _correction(correction: CorrectionForecast | None) -> dict[str, Any] | None:
 
 def _separating(separation: Separation) -> dict[str, Any]:
     slew = separation.slew
-    noncentrality = zip(separation.effects, separation.noncentrality, strict=True)
+    before, after = zip(*separation.noncentrality, strict=True)
     return {
         "effects": list(separation.effects),
         "axis": list(slew.axis_B),
@@ -155,9 +152,7 @@ def _separating(separation: Separation) -> dict[str, Any]:
         "acceleration_deg_s2": math.degrees(slew.acceleration),
         "correlation_before": separation.correlation[0],
         "correlation_after": separation.correlation[1],
-        "noncentrality": {
-            name: {"before": before, "after": after} for name, (before, after) in noncentrality
-        },
+        "noncentrality": by_name(separation.effects, before=before, after=after),
     }
 
 
@@ -282,15 +277,13 @@ def alike_pairs(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def pictures_json(investigation: Investigation) -> dict[str, Any]:
     """The part `pictures` of diagnosis.json."""
     before, after = investigation.disagreement_before, investigation.disagreement_after
-    unknown = investigation.unexplained
-    torque = None if unknown is None else unknown.torque
-    other = None if unknown is None else unknown.better_signal
-    return {
-        "before": _residual_map(before),
-        "after": None if after is None else _residual_map(after),
-        "torque": None if torque is None else _signal(torque, before.slews, ("x", "y", "z")),
-        "other": None if other is None else _signal(other, before.slews, None),
-    }
+    pictures: dict[str, Any] = {"torque": None, "other": None}
+    if (unknown := investigation.unexplained) is not None:
+        pictures["torque"] = _signal(unknown.torque, before.slews, ("x", "y", "z"))
+        if unknown.better_signal is not None:
+            pictures["other"] = _signal(unknown.better_signal, before.slews, None)
+    after_map = None if after is None else _residual_map(after)
+    return {"before": _residual_map(before), "after": after_map, **pictures}
 
 
 def _residual_map(disagreement: Disagreement) -> dict[str, Any]:

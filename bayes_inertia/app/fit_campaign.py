@@ -43,7 +43,6 @@ from bayes_inertia.inference.settings import (
     require_settings,
     usual_settings,
 )
-from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.printed import Card, parameter_card, shown_as
@@ -227,16 +226,11 @@ def _cleaned(estimate: Estimate, context: FitContext, seed: int) -> tuple[Estima
     clean = clean_fit(estimate, seed=seed)
     if clean.estimate is estimate:
         return estimate, context
-    return restarted_with_mode(clean.estimate), _with_noise_of(context, clean.treatment)
-
-
-def _with_noise_of(context: FitContext, treatment: DirtTreatment) -> FitContext:
-    """The context with the noise that was measured in this fit too."""
-    if not treatment.louder:
-        return context
-    before = context.measured_noise or {}
-    noise = {channel: before.get(channel, 1.0) * f for channel, f in treatment.level.items()}
-    return replace(context, measured_noise=noise)
+    if clean.treatment.louder:  # than what was measured before, if it was
+        before, level = context.measured_noise or {}, clean.treatment.level
+        noise = {channel: before.get(channel, 1.0) * f for channel, f in level.items()}
+        context = replace(context, measured_noise=noise)
+    return restarted_with_mode(clean.estimate), context
 
 
 def _with_seconds(posterior: Posterior, seconds: float) -> Posterior:

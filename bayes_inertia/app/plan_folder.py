@@ -169,11 +169,8 @@ def _quaternion(text: str | None) -> tuple[float, float, float, float] | None:
     try:
         q1, q2, q3, q4 = (float(part) for part in text.split(","))
     except ValueError:
-        raise CampaignError(
-            f"{text!r} is no quaternion",
-            where="end_attitude",
-            advice="give q1,q2,q3,q4, scalar last",
-        ) from None
+        what, advice = f"{text!r} is no quaternion", "give q1,q2,q3,q4, scalar last"
+        raise CampaignError(what, where="end_attitude", advice=advice) from None
     return q1, q2, q3, q4
 
 
@@ -207,11 +204,9 @@ def _cone(text: str) -> list[KeepOut]:
     try:
         x, y, z, angle = (float(number) for number in numbers)
     except ValueError:
-        raise CampaignError(
-            "neither a file nor name,x,y,z,half_angle_deg",
-            where=label,
-            advice="write for example Sun,0.8,0.5,0.3,35",
-        ) from None
+        what = "neither a file nor name,x,y,z,half_angle_deg"
+        advice = "write for example Sun,0.8,0.5,0.3,35"
+        raise CampaignError(what, where=label, advice=advice) from None
     cone = {"name": name, "direction_N": [x, y, z], "half_angle_deg": angle}
     return _cones_of(checked_document({"keep_out": [cone]}, label, _Cones), label)
 
@@ -234,6 +229,7 @@ def _cones_of(stated: _Cones, label: str) -> list[KeepOut]:
 
 _RESULTS = ("plan.toml", "design.png", "design.html")
 FORMAT, COMPARISON_FORMAT = "bayes-inertia-design/1", "bayes-inertia-compare/1"
+SIMULATE_FORMAT = "bayes-inertia-simulate/1"
 WHEELS_AT_REST = (
     "the wheels are taken to be at rest at the start: no tachometer of the last slew tells more; "
     "with --after the fit tells their momentum"
@@ -286,7 +282,7 @@ def run_design(
     contenders = compare_plans(
         [design.plan, design.reference], known, limits=design.limits, progress=progress
     )
-    content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
+    content = design_json(design, contenders, flown) | _start(design.plan, flown, request.after)
     left_out = devices_at_rest(flown)
     content |= {"left_out": left_out} if left_out else {}
     unknown = content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum
@@ -308,23 +304,18 @@ def _fitted(flown: Campaign, effects: Sequence[str], seed: int, progress: Progre
     return settled_estimate(model, seed, False, progress)[0]
 
 
-def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:
+def _start(plan: Plan, flown: Campaign, after: bool) -> dict[str, Any]:
     """Start of the plan, as it stands in design.json."""
+    wheels, source = len(flown.without_locked_wheels().wheels), "tachometers"
+    if not wheels:
+        source = "there are no wheels"
+    elif not following_plan(flown).wheel_momentum:
+        source = "fit" if after else "unknown, taken to be zero"
     return {
-        "after": request.after,
-        "start_wheel_momentum_Nms": list(plan.wheel_momentum)
-        or [0.0] * len(flown.without_locked_wheels().wheels),
-        "start_wheel_momentum_from": _momentum_source(flown, request),
+        "after": after,
+        "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * wheels,
+        "start_wheel_momentum_from": source,
     }
-
-
-def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
-    """Source of the wheel momentum that the plan begins with."""
-    if not campaign.without_locked_wheels().wheels:
-        return "there are no wheels"
-    if following_plan(campaign).wheel_momentum:
-        return "tachometers"
-    return "fit" if request.after else "unknown, taken to be zero"
 
 
 def _comments(design: Design, notes: Sequence[str]) -> str:
@@ -392,15 +383,6 @@ _FOLLOWED = (
 )
 
 
-@dataclass(frozen=True)
-class SimulatedFlight:
-    """A plan flown in simulation, and what should be known of it."""
-
-    campaign: Campaign  # what was flown
-    spacecraft: str  # whose spacecraft flew, in words
-    notes: tuple[str, ...] = ()  # what the simulation leaves out
-
-
 def run_simulate(
     folder: Path,
     plan: str | None = None,
@@ -409,8 +391,8 @@ def run_simulate(
     hidden: Sequence[str] = (),
     draw: bool = False,
     seed: int = 0,
-) -> SimulatedFlight:
-    """Fly a plan and write the campaign folder, with its truth beside it.
+) -> dict[str, Any]:
+    """Fly a plan and write the campaign folder, with its truth beside it; what `--json` prints.
 
     `plan`: file of the plan, or `paper`; None for five slews like the paper's. `campaign`: folder
     of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K at the mean
@@ -425,22 +407,33 @@ def run_simulate(
         wheels = len(mission.spacecraft.wheels)
         chosen = paper_like_plan() if plan in (None, PAPER) else plan_for(str(plan), wheels)
         flight = simulate(chosen, mission, folder, seed, hidden=hidden)
-        return SimulatedFlight(
-            flight.campaign, "the MOST-like spacecraft", note_of_broken_limits(chosen, mission)
-        )
+        notes = note_of_broken_limits(chosen, mission)
+        return _simulated(folder, flight.campaign, "the MOST-like spacecraft", *notes)
     given = read_campaign(campaign)
     truth = "drawn from" if draw else "at the mean of"
     spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
     if plan is None and (why := why_no_plans(given)):
         flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
         said = f"{why}: this campaign's own slews were flown again, from where each began"
-        return SimulatedFlight(flown, spacecraft, (said,))
+        return _simulated(folder, flown, spacecraft, said)
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
     followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
     notes = (*note_of_broken_limits(chosen, mission), *followed, *devices_at_rest(given))
-    return SimulatedFlight(flight.campaign, spacecraft, notes)
+    return _simulated(folder, flight.campaign, spacecraft, *notes)
+
+
+def _simulated(folder: Path, flown: Campaign, spacecraft: str, *notes: str) -> dict[str, Any]:
+    """What was flown, by whose spacecraft, and what the simulation leaves out, as JSON values."""
+    return {
+        "format": SIMULATE_FORMAT,
+        "campaign": str(folder),
+        "slews": [slew.name for slew in flown.slews],
+        "truth": str(folder / "truth.json"),
+        "spacecraft": spacecraft,
+        "notes": list(notes),
+    }
 
 
 def note_of_broken_limits(plan: Plan, mission: Mission) -> tuple[str, ...]:

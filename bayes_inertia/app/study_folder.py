@@ -67,8 +67,7 @@ class Study:
     def coverage(self, level: float) -> list[tuple[float, float, float]]:
         """For each parameter: how often the central interval of this level held the truth."""
         held = np.abs(self.z) < stats.norm.ppf(0.5 + 0.5 * level)
-        counted = [coverage_from(int(h.sum()), len(h), level) for h in held.T]
-        return [(coverage.share, coverage.low, coverage.high) for coverage in counted]
+        return [coverage_from(int(h.sum()), len(h), level)[1:] for h in held.T]
 
     @property
     def too_small(self) -> tuple[str, ...]:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 import re
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.maths.printed import NOT_GIVEN as NOT_GIVEN
@@ -116,7 +117,7 @@ def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
     (0, ['0.13', '0.030'])
     """
     known = [sd for sd in sds if 0.0 < sd < math.inf]
-    power = math.floor(math.log10(statistics.median(known))) if known else 0
+    power = math.floor(math.log10(np.median(known))) if known else 0
     power = 0 if -2 <= power <= 3 else power
     return power, [number(sd, sd, power) for sd in sds]
 
@@ -135,7 +136,7 @@ def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
     sizes: dict[str, list[float]] = {}
     for unit, sd in sds:
         sizes.setdefault(unit, []).append(math.log10(sd))
-    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
+    return {unit: 3 * round(float(np.median(logs)) / 3.0) for unit, logs in sizes.items()}
 
 
 def tenths(value: float) -> str:

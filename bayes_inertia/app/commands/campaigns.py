@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bayes_inertia.app.options import LIKE
 from bayes_inertia.app.terminal import plain_console, print_json, progress_bar, say
 from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.files import text_of, write_new_files
+from bayes_inertia.maths.printed import counted
 
-if TYPE_CHECKING:
-    from bayes_inertia.app.plan_folder import SimulatedFlight
-
-FORMAT, SIMULATE_FORMAT = "bayes-inertia-new/1", "bayes-inertia-simulate/1"
+FORMAT = "bayes-inertia-new/1"
 
 
 def new_command(folder: Path, like: str = "microsat", seed: int = 1, as_json: bool = False) -> None:
@@ -71,28 +68,16 @@ def simulate_command(
     with progress_bar() as progress:
         progress("flying the plan", 0, 0)
         from bayes_inertia.app.plan_folder import run_simulate
-        from bayes_inertia.maths.printed import counted
 
-        simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
-    for note in simulated.notes:
+        told = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
+    for note in told["notes"]:
         say(note)
-    slews = [slew.name for slew in simulated.campaign.slews]
     if as_json:
-        print_json(_document(simulated, slews, out))
+        print_json(told)
         return
     console = plain_console()
-    console.print(f"flown by {simulated.spacecraft}", soft_wrap=True)
+    console.print(f"flown by {told['spacecraft']}", soft_wrap=True)
     if plan and campaign is None:
         console.print("for the one that the plan was designed for: --campaign CAMPAIGN")
-    console.print(f"wrote {counted(len(slews), 'slew')} and truth.json in {out}", soft_wrap=True)
-
-
-def _document(simulated: SimulatedFlight, slews: list[str], out: Path) -> dict[str, object]:
-    return {
-        "format": SIMULATE_FORMAT,
-        "campaign": str(out),
-        "slews": slews,
-        "truth": str(out / "truth.json"),
-        "spacecraft": simulated.spacecraft,
-        "notes": list(simulated.notes),
-    }
+    slews = counted(len(told["slews"]), "slew")
+    console.print(f"wrote {slews} and truth.json in {out}", soft_wrap=True)

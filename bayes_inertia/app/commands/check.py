@@ -26,7 +26,9 @@ from bayes_inertia.app.terminal import (
     progress_bar,
     say,
 )
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.formatting import brief, typeset
 from bayes_inertia.version import versions
 
 if TYPE_CHECKING:
@@ -81,9 +83,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
             "principal_moments_kgm2": np.linalg.eigvalsh(inertia.tensor),
             "rate_sigma_radps": sensor.sigma if sensor else None,
             "star_tracker": campaign.star_tracker is not None,
-            "devices": [
-                dict(zip(("name", "is"), each, strict=True)) for each in _devices(campaign)
-            ],
+            "devices": [{"name": name, "is": kind} for name, kind in _devices(campaign)],
             "possible_drives": _possible_drives(campaign),
             "dirt": [record.json() for record in campaign.dirt],
         }
@@ -93,7 +93,6 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
 def _devices(campaign: Campaign) -> list[tuple[str, str]]:
     """Sensors, devices and changes beside wheels: each with what it is."""
     from bayes_inertia.campaign.sensors import stream_of_device
-    from bayes_inertia.maths.printed import counted
 
     return [
         *(
@@ -122,7 +121,6 @@ def _gain_in_words(device: Any) -> str:
 
 
 def _percent(fraction: float) -> str:
-    from bayes_inertia.report.formatting import brief
 
     return f"{brief(100 * fraction)} %"
 
@@ -145,7 +143,6 @@ def _slew_row(slew: Slew, turning: Slew) -> dict[str, Any]:
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
     from bayes_inertia.campaign.hardware import RateSensor
-    from bayes_inertia.maths.printed import counted
     from bayes_inertia.report.words import dirt_sentences, sentences
 
     console, content, most = plain_console(), campaign_json(campaign), LAYOUT.slews_shown
@@ -170,7 +167,6 @@ def show_campaign(campaign: Campaign) -> None:
 
 
 def _slew_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    from bayes_inertia.report.formatting import brief
 
     peak = row["peak_rate_radps"]
     return (
@@ -259,7 +255,6 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
 def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people."""
     from bayes_inertia.conventions.wording import invisible_in_brief
-    from bayes_inertia.report.formatting import typeset
     from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
@@ -310,7 +305,6 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
 
 def show_installation(content: Mapping[str, Any]) -> None:
     """Print what this installation consists of, and whether it works."""
-    from bayes_inertia.report.formatting import brief
     from bayes_inertia.report.words import sentences
 
     console, passed = plain_console(), content["self_test_passed"]
@@ -409,7 +403,6 @@ def _list_effects(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool
 
 def show_checked_effect(checked: CheckedEffect) -> None:
     """Print what was proven of an effect."""
-    from bayes_inertia.report.formatting import brief
     from bayes_inertia.report.words import sentences
 
     console = plain_console()

@@ -20,6 +20,7 @@ from bayes_inertia.app.terminal import (
     show_result,
 )
 from bayes_inertia.errors import SettingsError, require
+from bayes_inertia.report.formatting import exponent, number, unit_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,20 +44,18 @@ def import_command(
     First `--start mapping.toml` writes a mapping with questions; fill it in. Then
     `--using mapping.toml -o CAMPAIGN` reads, converts and cuts the logs.
     """
-    if (using is None) == (start is None):
-        raise SettingsError(
-            "either --start or --using is needed",
-            where="import",
-            advice="write `--start mapping.toml` first, answer its questions, then "
-            "`--using mapping.toml -o CAMPAIGN`",
-        )
+    advice = (
+        "write `--start mapping.toml` first, answer its questions, then "
+        "`--using mapping.toml -o CAMPAIGN`"
+    )
+    what, one = "either --start or --using is needed", (using is None) != (start is None)
+    require(one, "import", what, advice, error=SettingsError)
     if start is not None:
         _start(raw, start, as_json)
     elif using is not None:
         if out is None:
-            raise SettingsError(
-                "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
-            )
+            what, advice = "no folder for the campaign", "add -o CAMPAIGN"
+            raise SettingsError(what, where="import", advice=advice)
         with progress_bar() as progress:
             from bayes_inertia.importing.import_logs import import_logs
             from bayes_inertia.importing.mapped_lines import RECORD_FILE
@@ -168,8 +167,6 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
 
 
 def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
-    from bayes_inertia.report.formatting import exponent, unit_text
-
     if not noises:
         console.print("no rest is long enough to see the sensors' noise")
         return
@@ -185,7 +182,5 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
 
 def _numbers(values: tuple[float, ...], power: int) -> str:
     """One number where all are the same."""
-    from bayes_inertia.report.formatting import number
-
     texts = [number(value, value, power) for value in values]
     return texts[0] if len(set(texts)) == 1 else " ".join(texts)
