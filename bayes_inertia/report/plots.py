@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
@@ -68,9 +68,8 @@ def _index(names: Sequence[str], wanted: int | str, what: str) -> int:
         return list(names).index(wanted)
     if isinstance(wanted, int | np.integer) and -len(names) <= wanted < len(names):
         return int(wanted) % len(names)
-    raise SettingsError(
-        f"there is no {wanted!r}", where=what, advice=f"choose one of {', '.join(names)}"
-    )
+    advice = f"choose one of {', '.join(names)}"
+    raise SettingsError(f"there is no {wanted!r}", where=what, advice=advice)
 
 
 def _series(posterior: Posterior, channel: str) -> posterior_data.ChannelSeries:
@@ -80,11 +79,8 @@ def _series(posterior: Posterior, channel: str) -> posterior_data.ChannelSeries:
     if series is None:
         names = map(str, posterior.tree["posterior_predictive"].data_vars)
         known = ", ".join(n for n in names if posterior_data.channel_series(posterior, n))
-        raise SettingsError(
-            f"the fit predicts no {channel} row by row",
-            where="channel",
-            advice=f"choose one of {known}",
-        )
+        lacks, advice = f"the fit predicts no {channel} row by row", f"choose one of {known}"
+        raise SettingsError(lacks, where="channel", advice=advice)
     return series
 
 
@@ -112,9 +108,8 @@ def plot_telemetry(slew: Slew, channel: str = "rate", *, ax: Axes | None = None)
     values = (slew.more or {}).get(channel)
     values = getattr(slew, channel, None) if values is None else values
     if not isinstance(values, np.ndarray) or values.ndim != 2:
-        raise SettingsError(
-            f"slew {slew.name} has no {channel}", where="channel", advice="print the slew"
-        )
+        what = f"slew {slew.name} has no {channel}"
+        raise SettingsError(what, where="channel", advice="print the slew")
     assert ax is not None
     mark = "." if np.isnan(values).any() else ""
     for i, component in enumerate(values.T):
@@ -335,13 +330,9 @@ def plot_ranks(
 
 
 def _ensembles(posterior: Posterior, name: str | int | None) -> tuple[np.ndarray, style.Scale]:
-    """Draws (ensembles, walkers, draws) of a parameter, and the scale of its axis."""
+    """Draws of a parameter, or of the one whose ensembles agree least; the scale of its axis."""
     shown = chains.worst_parameter(posterior) if name is None else name
-    shown = posterior.names[_index(posterior.names, shown, "name")]
-    variable: Any = posterior.tree["posterior"][shown]
-    values = chains.by_ensemble(posterior, "posterior", shown)
-    unit = str(variable.attrs.get("units", ""))
-    return values, style.scale(shown, unit, float(values.mean()), 3.0 * float(values.std()))
+    return chains.ensembles_of(posterior, posterior.names[_index(posterior.names, shown, "name")])
 
 
 @_on_axes

@@ -115,15 +115,13 @@ def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     return channels
 
 
-def explorer_data(
-    channels: list[ResidualChannel], most_numbers: int = LAYOUT.most_residuals
-) -> dict[str, Any]:
+def explorer_data(channels: list[ResidualChannel]) -> dict[str, Any]:
     """Residuals as the page's script wants them.
 
     Returns: to be written into the page as JSON: `channels`, the names of the `slews`, and where to
     `start`, the channel and the slew whose residuals are largest.
     """
-    share = most_numbers / max(1, sum(channel.size for channel in channels))
+    share = LAYOUT.most_residuals / max(1, sum(channel.size for channel in channels))
     return {
         "channels": [_channel_content(channel, share) for channel in channels],
         "slews": channels[0].slews,

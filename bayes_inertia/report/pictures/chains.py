@@ -17,10 +17,7 @@ def draw_chains(posterior: Posterior) -> Figure:
     """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior."""
     diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
-    variable = posterior.tree["posterior"][name]
-    values = by_ensemble(posterior, "posterior", name)
-    mean, sd = float(values.mean()), float(values.std())
-    scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
+    values, scale = ensembles_of(posterior, name)
     figure, cells = style.grid(2.8, 1, 3, left=0.8, top=0.7, bottom=0.55, gap_x=0.85)
     trace, ranks, height = (figure.add_axes(cell) for cell in cells)
     trace_panel(trace, scale(values), scale.label, diagnostics["discarded"])
@@ -42,6 +39,13 @@ def worst_parameter(posterior: Posterior) -> str:
         return float(values.mean((1, 2)).std() / max(values.std(), 1e-300))
 
     return max(posterior.names, key=distance)
+
+
+def ensembles_of(posterior: Posterior, name: str) -> tuple[np.ndarray, style.Scale]:
+    """Draws (ensembles, walkers, draws) of a parameter, and the scale of its axis."""
+    values = by_ensemble(posterior, "posterior", name)
+    unit = str(posterior.tree["posterior"][name].attrs.get("units", ""))
+    return values, style.scale(name, unit, float(values.mean()), 3.0 * float(values.std()))
 
 
 def by_ensemble(posterior: Posterior, group: str, name: str) -> np.ndarray:

@@ -90,11 +90,10 @@ def _densities(axes: Axes, z: np.ndarray) -> None:
             smooth = gaussian_filter(counts, 1.2)[::-1]
             y, x = row * LAYOUT.cell_pixels + pad, column * LAYOUT.cell_pixels + pad
             image[y : y + n, x : x + n] = smooth / smooth.max()
-    shades = _blues()
     axes.imshow(
         image,
         extent=(0, d, d, 0),
-        cmap=shades,
+        cmap=_blues(),
         vmin=0.0,
         vmax=1.0,
         interpolation="nearest",

@@ -134,16 +134,6 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
     return Scale(offset, 10.0**power, f"{shown} [{unit_text(unit, power)}]")
 
 
-def grid_shape(n: int) -> tuple[int, int]:
-    """Rows and columns of panels, one a slew.
-
-    >>> grid_shape(1), grid_shape(4), grid_shape(5)
-    ((1, 1), (2, 2), (2, 3))
-    """
-    columns = 1 if n == 1 else 2 if n <= 4 else 3
-    return -(-n // columns), columns
-
-
 def slew_panels(
     slews: Sequence[str], head: float, height: float, **gaps: float
 ) -> tuple[Figure, list[Axes], int]:
@@ -151,7 +141,8 @@ def slew_panels(
 
     `head` of the figure and `height` of a row [in]; `gaps`: see `grid`.
     """
-    rows, columns = grid_shape(len(slews))
+    columns = 1 if len(slews) == 1 else 2 if len(slews) <= 4 else 3
+    rows = -(-len(slews) // columns)
     figure, cells = grid(head + height * rows, rows, columns, **gaps)
     panels = [figure.add_axes(cell) for cell in cells[: len(slews)]]
     for k, (axes, name) in enumerate(zip(panels, slews, strict=True)):
