@@ -22,62 +22,44 @@ from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew, times_left_out
 
 FORMAT = "bayes-inertia-plan/1"
-# Key in the file -> field and factor to SI; a factor of None marks what is no single number.
-_Keys = Mapping[str, tuple[str, float | None]]
+_POSITIVE, _FROM_ZERO = Annotated[float, Gt(0.0)], Annotated[float, Ge(0.0)]
+# Key in the file -> field, factor to SI and type; a factor of None marks what is no single number.
+_Keys = Mapping[str, tuple[str, float | None, Any]]
 _SLEW: _Keys = {
-    "axis": ("axis_B", None),
-    "angle_deg": ("angle", DEGREE),
-    "rate_deg_per_s": ("rate", DEGREE),
-    "acceleration_deg_per_s2": ("acceleration", DEGREE),
-    "profile": ("profile", None),
-    "duration_s": ("duration", 1.0),
+    "axis": ("axis_B", None, Vector3),
+    "angle_deg": ("angle", DEGREE, _POSITIVE),
+    "rate_deg_per_s": ("rate", DEGREE, _POSITIVE),
+    "acceleration_deg_per_s2": ("acceleration", DEGREE, _POSITIVE),
+    "profile": ("profile", None, str),
+    "duration_s": ("duration", 1.0, _POSITIVE),
 }
 _ORBIT: _Keys = {
-    "radius_km": ("radius", 1e3),
-    "inclination_deg": ("inclination", DEGREE),
-    "node_deg": ("node", DEGREE),
-    "argument_deg": ("argument", DEGREE),
+    "radius_km": ("radius", 1e3, float),
+    "inclination_deg": ("inclination", DEGREE, float),
+    "node_deg": ("node", DEGREE, float),
+    "argument_deg": ("argument", DEGREE, float),
 }
 _PLAN: _Keys = {
-    "name": ("name", None),
-    "start_attitude": ("start_attitude", None),
-    "wheel_momentum_Nms": ("wheel_momentum", None),
-    "fixes_in_motion": ("fixes_in_motion", None),
-    **{
-        f"{key}_s": (key, 1.0)
-        for key in (
-            "telemetry_period",
-            "rest_before",
-            "first_fix",
-            "fix_spacing",
-            "settle",
-            "rest_after",
-            "pause",
-        )
-    },
+    "name": ("name", None, str),
+    "start_attitude": ("start_attitude", None, Annotated[list[float], Len(4, 4)]),
+    "wheel_momentum_Nms": ("wheel_momentum", None, list[float]),
+    "fixes_in_motion": ("fixes_in_motion", None, bool),
+    "telemetry_period_s": ("telemetry_period", 1.0, _POSITIVE),
+    "rest_before_s": ("rest_before", 1.0, _POSITIVE),
+    "first_fix_s": ("first_fix", 1.0, _FROM_ZERO),
+    "fix_spacing_s": ("fix_spacing", 1.0, _POSITIVE),
+    "settle_s": ("settle", 1.0, _POSITIVE),
+    "rest_after_s": ("rest_after", 1.0, _POSITIVE),
+    "pause_s": ("pause", 1.0, _FROM_ZERO),
 }
 # In errors, by the name of a field.
-_KEYS_OF_FIELDS = {field: key for keys in (_PLAN, _SLEW) for key, (field, _) in keys.items()}
-# Of fields that are no single number, or not any number.
-_TYPES: dict[str, Any] = {
-    **dict.fromkeys(("angle", "rate", "acceleration", "duration"), Annotated[float, Gt(0.0)]),
-    **dict.fromkeys(("telemetry_period", "rest_before"), Annotated[float, Gt(0.0)]),
-    **dict.fromkeys(("fix_spacing", "settle", "rest_after"), Annotated[float, Gt(0.0)]),
-    **dict.fromkeys(("first_fix", "pause"), Annotated[float, Ge(0.0)]),
-    "axis_B": Vector3,
-    "start_attitude": Annotated[list[float], Len(4, 4)],
-    "wheel_momentum": list[float],
-    "fixes_in_motion": bool,
-    "name": str,
-    "profile": str,
-}
+_KEYS_OF_FIELDS = {field: key for keys in (_PLAN, _SLEW) for key, (field, *_) in keys.items()}
 
 
 def _form(name: str, keys: _Keys, required: dict[str, str], **tables: Any) -> Any:
     """The form of a table of the file; `required`: what to add where such a key is missing."""
-    kinds = {key: _TYPES.get(field, float) for key, (field, _) in keys.items()}
-    fields: dict[str, Any] = {key: (kind | None, None) for key, kind in kinds.items()}
-    fields |= {key: (kinds[key], Field(description=says)) for key, says in required.items()}
+    fields: dict[str, Any] = {key: (kind | None, None) for key, (*_, kind) in keys.items()}
+    fields |= {key: (keys[key][-1], Field(description=says)) for key, says in required.items()}
     return create_model(name, __base__=Part, **(fields | tables))
 
 
@@ -224,7 +206,7 @@ def _si(value: Any, factor: float | None) -> Any:
 
 def _table(part: Any, keys: _Keys) -> dict[str, Any]:
     """A plan, slew or orbit as keys and values of the file."""
-    values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
+    values = ((key, getattr(part, name), factor) for key, (name, factor, _) in keys.items())
     said = (row for row in values if row[1] is not None)
     return {key: _file_value(value, factor) for key, value, factor in said}
 
