@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayes_inertia.flight.closed_loop_flights import predict_correction_slew
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight
-from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign, with_effect_values
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference import optimizer
@@ -75,33 +75,23 @@ def calibration_cases() -> tuple[CalibrationCase, ...]:
     weak = (PlannedSlew((1.0, 0.0, 0.0), 1.0), PlannedSlew((0.0, 1.0, 1.0), 1.0))
     two = replace(five, slews=weak)
     effects = (ConstantTorque(LIMITS.torque_sigma), RateSensorMisalignment())
+    case = partial(CalibrationCase, plan=five, mission=mission)
+    turned = "five slews with a constant torque and a turned rate sensor"
     return (
-        CalibrationCase("five-slews", "five slews about five axes", five, mission),
-        CalibrationCase("two-slews", "weak data: two slews", two, mission),
-        CalibrationCase(
-            "no-star-tracker", "five slews without star tracker", five, mission, star_tracker=False
-        ),
-        CalibrationCase(
-            "no-tachometers", "five slews without tachometers", five, mission, tachometers=False
-        ),
-        CalibrationCase(
-            "effects",
-            "five slews with a constant torque and a turned rate sensor",
-            five,
-            mission,
-            effects,
-        ),
+        case("five-slews", "five slews about five axes"),
+        case("two-slews", "weak data: two slews", plan=two),
+        case("no-star-tracker", "five slews without star tracker", star_tracker=False),
+        case("no-tachometers", "five slews without tachometers", tachometers=False),
+        case("effects", turned, effects=effects),
     )
 
 
 def cases_named(names: Sequence[str]) -> tuple[CalibrationCase, ...]:
     """The cases of these names, in their order; all for none."""
     known = {case.name: case for case in calibration_cases()}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise SettingsError(
-            f"no case {unknown[0]!r}", where="cases", advice=f"choose from {', '.join(known)}"
-        )
+    for name in names:
+        advice = f"choose from {', '.join(known)}"
+        require(name in known, "cases", f"no case {name!r}", advice, error=SettingsError)
     return tuple(known[name] for name in dict.fromkeys(names)) or tuple(known.values())
 
 
@@ -170,13 +160,9 @@ def calibration_work(cases: Sequence[CalibrationCase], fits: int, seed: int = 0)
 
 def _truth(flight: Flight, model: Model) -> np.ndarray:
     """The flight's theta (d,), effects included."""
-    theta, values = np.array(model.space.mean, dtype=float), flight.spacecraft.values
+    theta = np.array(model.space.mean, dtype=float)
     theta[:N_BASE] = flight.mission.theta
-    for effect in model.effects:
-        parameters = effect.parameters(flight.campaign)
-        parts = [np.ravel(values[effect.name][parameter.name]) for parameter in parameters]
-        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
-    return theta
+    return with_effect_values(model, theta, model.effects, flight.spacecraft.values)
 
 
 def _quantities(case: CalibrationCase, density: LogDensity, thetas: np.ndarray) -> np.ndarray:
