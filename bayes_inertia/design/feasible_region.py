@@ -32,7 +32,7 @@ from bayes_inertia.flight.planned_motion import (
     slew_arrays,
 )
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.flight.steering import share_of_reach
+from bayes_inertia.flight.steering import Jets, share_of_reach
 from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import AnyArray
 
@@ -171,7 +171,7 @@ def strongest_ramps(axis_B: np.ndarray, region: FeasibleRegion, body: RigidBody)
     needed = np.abs(turning_B @ np.asarray(body.allocation).T)
     with np.errstate(divide="ignore"):
         most = np.min(region.torque / needed, axis=-1, initial=np.inf)
-    if any(not device.carries_momentum for device in (body.devices or {}).values()):
+    if any(isinstance(device, Jets) for device in (body.devices or {}).values()):
         up, down = (np.asarray(share_of_reach(s * turning_B, region.reach)) for s in (1.0, -1.0))
         most = 1.0 / np.maximum(up, down)
     return np.minimum(0.9 * most, region.acceleration)
@@ -194,8 +194,7 @@ def constraint_slacks(
     angle` (n,), `total time` (), `keep-out` (n + 1, cones), `reach` of a device (n,). JAX can
     differentiate all.
     """
-    boresight_B, cones_N, reach = region.boresight_B, region.cones_N, region.reach
-    used = demands(motion, slews.rotation_B, slews.acceleration, boresight_B, cones_N, reach)
+    used = demands(motion, slews, region.boresight_B, region.cones_N, region.reach)
     missed = jnp.concatenate([jnp.zeros(1), region.pointing_error * used["angle"]])[:, None]
     return {
         "wheel torque": 1.0 - used["torque"] / region.torque,
@@ -208,17 +207,6 @@ def constraint_slacks(
         "keep-out": (used["distance"] - missed) / region.half_angles - 1.0,
         **({"reach": 1.0 - used["reach"]} if len(region.reach) else {}),
     }
-
-
-def flattened(slacks: dict[str, Array]) -> Array:
-    """All constraint slacks in one row.
-
-    Examples
-    --------
-    >>> flattened({"a": jnp.ones((2, 2)), "b": jnp.zeros(())}).shape
-    (5,)
-    """
-    return jnp.concatenate([jnp.ravel(part) for part in slacks.values()])
 
 
 def require_feasible(

@@ -7,7 +7,7 @@ closed loop, with everything that control adds.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,13 @@ from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight
-from bayes_inertia.flight.planned_motion import PlannedMotion, motion_of_plan, rigid_body
+from bayes_inertia.flight.planned_motion import (
+    PlannedMotion,
+    SlewArrays,
+    motion_of_plan,
+    rigid_body,
+    slew_arrays,
+)
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import share_of_reach
 from bayes_inertia.maths import quaternion
@@ -88,27 +94,20 @@ class Margin:
         return f"{100 * abs(self.left):.3g} % {kept if self.kept else broken}"
 
 
-def used_reach(motion: PlannedMotion, reach: np.ndarray) -> Array:
-    """What each slew asks of the device (n,), as a fraction of the most that it gives (m,)."""
-    return jnp.max(share_of_reach(motion.wanted_B, reach), axis=1)
-
-
 def demands(
     motion: PlannedMotion,
-    rotation_B: AnyArray,
-    acceleration: AnyArray,
+    slews: SlewArrays,
     boresight_B: np.ndarray,
     cones_N: np.ndarray,
-    reach: np.ndarray | None = None,
+    reach: np.ndarray,
 ) -> dict[str, Array]:
-    """Demands of a motion on spacecraft and sky; JAX can differentiate them.
+    """Demands of the motion of slews on spacecraft and sky; JAX can differentiate them.
 
-    `rotation_B` (n, 3) [rad]; `acceleration` (n,) [rad/s^2]; `boresight_B` (3,). `cones_N` (cones,
-    3): unit vectors to the centres of keep-out cones, inertial axes. Returns `torque` [N m] and
-    `momentum` [N m s] (n, wheels), `rate` [rad/s], `angle` [rad] and `acceleration` [rad/s^2] (n,),
-    `time` () [s], `distance` (n + 1, cones) [rad] of the boresight at rest from each cone's
-    centre, and of a device `reach` (n,): what it must give, as a fraction of `reach` (m,), the most
-    along each of `directions_B`.
+    `boresight_B` (3,). `cones_N` (cones, 3): unit vectors to the centres of keep-out cones,
+    inertial axes. Returns `torque` [N m] and `momentum` [N m s] (n, wheels), `rate` [rad/s],
+    `angle` [rad] and `acceleration` [rad/s^2] (n,), `time` () [s], `distance` (n + 1, cones) [rad]
+    of the boresight at rest from each cone's centre, and of a device `reach` (n,): what it must
+    give, as a fraction of `reach` (m,), the most along each of `directions_B`; (0,) without one.
 
     Examples
     --------
@@ -117,8 +116,7 @@ def demands(
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
     >>> craft, slews = most_like_spacecraft(), slew_arrays(paper_like_plan())
     >>> motion = motion_of_plan(paper_like_plan(), rigid_body(craft))
-    >>> cones = np.zeros((0, 3))
-    >>> used = demands(motion, slews.rotation_B, slews.acceleration, np.eye(3)[2], cones)
+    >>> used = demands(motion, slews, np.eye(3)[2], np.zeros((0, 3)), np.zeros(0))
     >>> float(used["rate"].max().round(6))
     0.017453
     """
@@ -129,13 +127,15 @@ def demands(
     sine = jnp.linalg.norm(
         jnp.cross(boresight_N[:, None], jnp.asarray(cones_N).reshape(1, -1, 3)) + 1e-15, axis=-1
     )
-    asked = {} if reach is None or not len(reach) else {"reach": used_reach(motion, reach)}
+    asked = {}
+    if len(reach):
+        asked["reach"] = jnp.max(share_of_reach(motion.wanted_B, reach), axis=1)
     return asked | {
         "torque": jnp.max(jnp.abs(motion.wheel_torque), axis=1),
         "momentum": jnp.max(jnp.abs(motion.path.wheel_momentum), axis=1),
         "rate": jnp.sqrt(jnp.max(jnp.sum(motion.path.rate_B**2, -1), axis=1)),
-        "angle": jnp.sqrt(jnp.sum(rotation_B**2, -1)),
-        "acceleration": jnp.asarray(acceleration),
+        "angle": jnp.sqrt(jnp.sum(slews.rotation_B**2, -1)),
+        "acceleration": jnp.asarray(slews.acceleration),
         "time": motion.total_time,
         "distance": jnp.arctan2(sine, cosine),
     }
@@ -154,7 +154,7 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
     >>> [margin.limit for margin in found if not margin.kept]
     ['rate']
     """
-    return _margins_of(motion_of_plan(plan, rigid_body(spacecraft)), plan, spacecraft, limits)
+    return _margins(motion_of_plan(plan, rigid_body(spacecraft)), plan, spacecraft, limits)
 
 
 def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
@@ -178,22 +178,7 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
         wheel_torque=in_one(*(none if x is None else x for x in torques)),
         rest_attitudes=rests,
     )
-    return _margins_of(motion, flight.plan, flight.spacecraft, limits)
-
-
-def _margins_of(
-    motion: PlannedMotion, plan: Plan, spacecraft: Spacecraft, limits: Limits
-) -> tuple[Margin, ...]:
-    """Margins of a motion, planned or flown, of a plan's slews."""
-    hardware = hardware_limits(spacecraft)
-    rotation_B = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
-    acceleration = np.array([slew.acceleration for slew in plan.slews])
-    cones_N = np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3)
-    boresight_B, reach = hardware.boresight_B, hardware.reach
-    used = demands(motion, rotation_B, acceleration, boresight_B, cones_N, reach)
-    total = plan.starts[-1] + plan.durations[-1]
-    values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
-    return _margins(values, plan.attitudes, spacecraft, limits)
+    return _margins(motion, flight.plan, flight.spacecraft, limits)
 
 
 def broken_limits(margins: Sequence[Margin]) -> tuple[Margin, ...]:
@@ -208,10 +193,14 @@ def broken_limits(margins: Sequence[Margin]) -> tuple[Margin, ...]:
 
 
 def _margins(
-    used: Mapping[str, np.ndarray], rests: np.ndarray, spacecraft: Spacecraft, limits: Limits
+    motion: PlannedMotion, plan: Plan, spacecraft: Spacecraft, limits: Limits
 ) -> tuple[Margin, ...]:
-    """Margins from peaks named as in `demands`, and the attitudes at rest (slews + 1, 4)."""
+    """Margins of a motion, planned or flown, of a plan's slews."""
     hardware = hardware_limits(spacecraft)
+    cones_N = np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3)
+    asked = demands(motion, slew_arrays(plan), hardware.boresight_B, cones_N, hardware.reach)
+    used = {key: np.asarray(values) for key, values in asked.items()}
+    total = np.array(plan.starts[-1] + plan.durations[-1])
     upper: list[tuple[str, np.ndarray, float | None, str]] = []
     for key, limit, unit in (
         ("torque", hardware.wheel_torque, "N m"),
@@ -227,7 +216,7 @@ def _margins(
         ("rate sensor range", used["rate"], hardware.sensor_range, "rad/s"),
         ("angle", used["angle"], limits.angle, "rad"),
         ("acceleration", used["acceleration"], limits.acceleration, "rad/s^2"),
-        ("total time", used["time"], limits.total_time, "s"),
+        ("total time", total, limits.total_time, "s"),
     ]
     return (
         *(
@@ -235,7 +224,7 @@ def _margins(
             for name, values, allowed, unit in upper
             if allowed is not None and math.isfinite(allowed)
         ),
-        *_attitude_margins(rests, limits),
+        *_attitude_margins(plan.attitudes, limits),
         *_keep_out_margins(used["distance"], limits),
     )
 

@@ -17,7 +17,6 @@ from jax import Array
 from bayes_inertia.design.feasible_region import (
     FeasibleRegion,
     constraint_slacks,
-    flattened,
     slews_from_variables,
 )
 from bayes_inertia.design.goals import Goal, criterion
@@ -206,6 +205,7 @@ def _log_value_and_gradient(goal, layout, groups, arrays, theta, region, end, x)
 @partial(jax.jit, static_argnames=("layout",), compiler_options=_WITHOUT_OPTIMIZATION)
 def _slacks_and_jacobian(layout, arrays, theta, region, end, x):
     def slacks(x: Array) -> Array:
-        return flattened(_slacks(layout, arrays, theta, region, _slews(arrays, region, end, x)))
+        found = _slacks(layout, arrays, theta, region, _slews(arrays, region, end, x))
+        return jnp.concatenate([jnp.ravel(part) for part in found.values()])
 
     return slacks(x), jax.jacfwd(slacks)(x)

@@ -32,11 +32,6 @@ class Jets(NamedTuple):
     highest: AnyArray  # (k,) largest input: 1 for a thruster
     shares: AnyArray  # (3, k) least inputs of either sign for a torque along each axis [1/(N m)]
 
-    @property
-    def carries_momentum(self) -> bool:
-        """Whether it gives momentum, not torque."""
-        return False
-
     def given_B(self, inputs: AnyArray) -> Array:
         """Torques (n, 3) of inputs (n, k) [N m]."""
         return jnp.asarray(inputs) @ jnp.asarray(self.torque_B)
@@ -59,11 +54,6 @@ class Gimbals(NamedTuple):
     along_B: AnyArray  # (k, 3) spin axes at angle zero
     across_B: AnyArray  # (k, 3) spin axes at a right angle
     start: AnyArray  # (k,) angles before the first slew [rad]
-
-    @property
-    def carries_momentum(self) -> bool:
-        """Whether it gives momentum, not torque."""
-        return True
 
     def carried_B(self, angle: AnyArray) -> tuple[Array, Array]:
         """Momentum (3,) at gimbal angles (k,), and its derivative (3, k) by them [N m s]."""
