@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +18,7 @@ from bayes_inertia.design.margins import Margin, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.plan_flight import Flight, first_states, fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft
 from bayes_inertia.flight.spacecraft import Controller
@@ -230,12 +231,10 @@ def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mis
 def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
     """Estimate of an optimizer that found the truth: nothing expected is left to luck."""
     reference, scale = model.data.arrays.reference, np.asarray(model.data.scale.local)
-    start = [
-        np.stack([np.asarray(getattr(path, key))[0] for path in flight.truth])
-        for key in ("rate_B", "attitude", "wheel_momentum")
-    ]
-    turned = np.asarray(quaternion.error(reference.attitude, jnp.asarray(start[1])))
-    off = [start[0] - reference.rate_B, turned, start[2] - reference.wheel_momentum]
+    start: Any = first_states(flight.truth)
+    turned = np.asarray(quaternion.error(reference.attitude, jnp.asarray(start.attitude)))
+    momentum = start.wheel_momentum - reference.wheel_momentum
+    off = [start.rate_B - reference.rate_B, turned, momentum]
     local = np.concatenate(off, axis=1) / scale
     coefficients = np.zeros((len(local), model.structure.n_local - local.shape[1]))
     local = np.concatenate([local, coefficients], axis=1)

@@ -31,7 +31,7 @@ from bayes_inertia.design.feasible_region import (
 )
 from bayes_inertia.design.goals import Goal, parse_goal, require_goal
 from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
-from bayes_inertia.design.limits import Limits, hardware_limits, rate_turned_at
+from bayes_inertia.design.limits import Limits, hardware_limits, limits_of_next_slew
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
@@ -66,8 +66,22 @@ def random_plans(
     rng = np.random.default_rng([seed, 7])
     body = problem.forecast.body(problem.thetas[0])
     x = draw_variables(rng, n, slews, problem.region, problem.forecast.layout.times, body)
+    return x, *_scored(problem, x)
+
+
+def _scored(problem: PlanProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each plan the logarithm of the goal's number, and the least that it leaves of any limit.
+
+    `x` (n, slews, 5). Returns (n,), infinite where it is no number, and (n,).
+    """
     values, slacks, *_ = problem.score(x)
-    return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
+    least = [part.reshape(len(x), -1).min(axis=1, initial=np.inf) for part in slacks.values()]
+    return np.where(np.isfinite(values), values, np.inf), np.min(least, axis=0)
+
+
+def _best_first(log_values: np.ndarray, least_slacks: np.ndarray) -> np.ndarray:
+    """Order of plans: feasible ones by the goal's number, then the nearest misses."""
+    return np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))
 
 
 def improved_plan(
@@ -121,28 +135,16 @@ def improved_plans(
     first. The first is the best one, improved once more over all truths; `histories`: the smooth
     goal's number during each descent.
     """
-    order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
+    order = _best_first(log_values, least_slacks)[:starts]
     descents: list[tuple[np.ndarray, tuple[float, ...]]] = []
     for k in order:
         say("improving the best, plans", len(descents), len(order) + 1)
         descents.append(improved_plan(problem, x[k], NUMERICS.descent_steps, 1))
     say("improving the best, plans", len(order), len(order) + 1)
-    best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
+    scores = _scored(problem, np.array([plan for plan, _ in descents]))
+    best = [descents[k][0] for k in _best_first(*scores)]
     final = improved_plan(problem, best[0], NUMERICS.descent_steps, len(problem.thetas))
     return [final[0], *best], (*(history for _, history in descents), final[1])
-
-
-def _ranked(problem: PlanProblem, plans: list[np.ndarray]) -> np.ndarray:
-    """Order of plans, best first: feasible ones by the goal's number, then the nearest misses."""
-    log_values, slacks, *_ = problem.score(np.array(plans))
-    return np.lexsort((log_values, -np.minimum(_least(slacks, len(plans)), 0.0)))
-
-
-def _least(slacks: dict[str, np.ndarray], n: int) -> np.ndarray:
-    """The least (n,) that each of n plans leaves of any limit."""
-    return np.min(
-        [values.reshape(n, -1).min(axis=1, initial=np.inf) for values in slacks.values()], axis=0
-    )
 
 
 @with_bar
@@ -309,12 +311,10 @@ def next_slew(
     """
     require_kind(estimate, Estimate, "key estimate")
     require_kind(limits, Limits | None, "key limits")
-    campaign = estimate.model.campaign
     single = parse_goal(goal).kind != "separate"
     what = "is another question for a single slew"
     require(single, "goal separate", what, "use separating_slew", error=DesignError)
-    longest = max(slew.duration for slew in campaign.slews)
-    limits = limits or Limits(rate=1.1 * rate_turned_at(campaign), total_time=2.0 * longest)
+    limits = limits or limits_of_next_slew(estimate.model.campaign)
     base = plan_after(estimate)
     return design_plan(estimate, goal, limits, base=base, n_slews=1, seed=seed)
 

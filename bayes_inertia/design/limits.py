@@ -150,6 +150,12 @@ def rate_turned_at(campaign: Campaign) -> float:
     return NUMERICS.default_rate if at_rest else rate
 
 
+def limits_of_next_slew(campaign: Campaign) -> Limits:
+    """Limits of one slew after a campaign: 1.1 times its largest rate, twice its longest slew."""
+    longest = max(slew.duration for slew in campaign.slews)
+    return Limits(rate=1.1 * rate_turned_at(campaign), total_time=2.0 * longest)
+
+
 class HardwareLimits(NamedTuple):
     """Limits that come with a spacecraft; infinite where unknown."""
 

@@ -28,7 +28,12 @@ from bayes_inertia.design.information_forecast import (
     forecast_of,
     last_environment,
 )
-from bayes_inertia.design.limits import Limits, hardware_limits, rate_turned_at
+from bayes_inertia.design.limits import (
+    Limits,
+    hardware_limits,
+    limits_of_next_slew,
+    rate_turned_at,
+)
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
@@ -114,8 +119,7 @@ def separating_slew(
     mission = Mission.of(campaign)
     require_three_axes(mission.spacecraft, CampaignError)
     spacecraft = mission_after(mission, estimate).spacecraft
-    longest = max(slew.duration for slew in campaign.slews)
-    limits = limits or Limits(rate=1.1 * rate_turned_at(campaign), total_time=2.0 * longest)
+    limits = limits or limits_of_next_slew(campaign)
     forecast, theta = forecast_separation(estimate, a, b)
     region = region_within(
         limits,

@@ -34,8 +34,7 @@ from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_motion import plan_start
 from bayes_inertia.flight.planned_telemetry import planned_campaign, wandering_noise, white_share
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, without_spin
-from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, body_tensor
 from bayes_inertia.maths.device_arrays import on_device, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.channels import channels_of
@@ -352,8 +351,7 @@ def _plants(
 ) -> Plant:
     """The spacecraft (n on a leading axis) that the draws describe, before slew `index`."""
     craft, n = mission.spacecraft, len(thetas)
-    J = inertia_tensor.tensor(thetas[:, :6])
-    J = without_spin(J, mission.prior.includes_wheel_spin, craft.wheels)
+    J = body_tensor(thetas[:, :6], mission.prior, craft.wheels)
     bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
     each = [start_states(plan, craft, controller, rng) for _ in range(n if rng else 1)]
     starts = stacked_pytrees([jax.tree.map(lambda x: x[index], start) for start in each])

@@ -32,8 +32,7 @@ from bayes_inertia.flight.planned_telemetry import (
     with_noisy_inputs,
     with_readings,
 )
-from bayes_inertia.flight.spacecraft import require_shape, spin_tensor, without_spin
-from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.flight.spacecraft import body_tensor, require_shape, spin_tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Start
@@ -106,8 +105,8 @@ def flown_again(
 
 
 def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:
-    campaign, J = model.campaign, np.asarray(inertia_tensor.tensor(theta[:6]))
-    J = without_spin(J, campaign.inertia.includes_wheel_spin, campaign.wheels)
+    campaign = model.campaign
+    J = body_tensor(theta[:6], campaign.inertia, campaign.wheels)
     return {
         "J_kgm2": J.tolist(),
         "J_locked_kgm2": (J + spin_tensor(campaign.wheels)).tolist(),

@@ -38,10 +38,10 @@ from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
     axes_of_control,
+    body_tensor,
     most_like_prior,
     most_like_spacecraft,
     spin_tensor,
-    without_spin,
 )
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
@@ -93,9 +93,8 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     why = why_no_plans(campaign)
     advice = "`observe` says what its motion determines as it is, and `fit` determines it"
     require_key(not why, "actuators", why, advice)
-    J = inertia_tensor.tensor(np.asarray(theta[:6]))
     return Spacecraft(
-        without_spin(J, campaign.inertia.includes_wheel_spin, wheels),
+        body_tensor(np.asarray(theta[:6]), campaign.inertia, wheels),
         tuple(np.asarray(theta[6 : 6 + len(sensor.axes)], float)) if sensor else (),
         wheels,
         sensor,
@@ -411,8 +410,7 @@ class Mission:
         (1.0, 1.0, 1.0)
         """
         craft, theta = self.spacecraft, np.array(self.base.mean)
-        J = np.asarray(inertia_tensor.tensor(theta[:6]))
-        J = without_spin(J, self.prior.includes_wheel_spin, craft.wheels)
+        J = body_tensor(theta[:6], self.prior, craft.wheels)
         mean = replace(craft, inertia_B=J, scale_factor=tuple(theta[6:]))
         return replace(self, spacecraft=mean).without_effects()
 

@@ -154,15 +154,21 @@ def fly(
     _check_converged(flown, planned, mission.spacecraft.effects)
     bias = tuple(np.asarray(loop.plant.bias).tolist())
     craft = replace(mission.spacecraft, bias=bias)
-    flight = _flight(plan, replace(mission, spacecraft=craft), planned, flown)
-    if not craft.more_sensors:
-        return flight
-    slews = flight.campaign.slews
-    told, theta = _readings(flight.campaign, flight.mission, flight.truth, rng)
-    more = {name: values for name, values in told.items() if name.startswith(MORE)}
-    slews = tuple(with_readings(slew, k, more) for k, slew in enumerate(slews))
-    campaign = replace(flight.campaign, slews=slews)
-    return replace(flight, campaign=campaign, parameters=theta)
+    mission, each = replace(mission, spacecraft=craft), list(enumerate(planned.slews))
+    slews = tuple(_telemetry(plan, craft, i, slew, flown) for i, slew in each)
+    truth = tuple(_true_path(i, slew, flown) for i, slew in each)
+    campaign, parameters = replace(planned, slews=slews), dict[str, float]()
+    if craft.more_sensors:
+        told, parameters = _readings(campaign, mission, truth, rng)
+        more = {name: values for name, values in told.items() if name.startswith(MORE)}
+        slews = tuple(with_readings(slew, k, more) for k, slew in enumerate(slews))
+        campaign = replace(campaign, slews=slews)
+    commands = [flown.command[i, : len(slew.time)] for i, slew in each]
+    measured = np.full_like(flown.final_error_B, np.nan)
+    if craft.star_tracker is not None:
+        measured = flown.measured_error_B
+    errors = flown.final_error_B, measured
+    return _flight(plan, mission, campaign, errors, commands, truth, parameters)
 
 
 def _follow(
@@ -179,17 +185,9 @@ def _follow(
     slews = [with_noisy_inputs(slew, planned, rng) for slew in slews]
     # What effects make of the motion only readings tell.
     final = np.full((len(truth), 3), np.nan if craft.effects else 0.0)
-    return Flight(
-        campaign=replace(planned, slews=tuple(slews)),
-        plan=plan,
-        mission=mission,
-        final_error_B=final,
-        measured_error_B=np.stack([_measured_error_B(plan, k, s) for k, s in enumerate(slews)]),
-        peak_torque=_peaks([path.wheel_torque for path in paths], craft, "max_torque"),
-        peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
-        truth=truth,
-        parameters=theta,
-    )
+    errors = final, np.stack([_measured_error_B(plan, k, s) for k, s in enumerate(slews)])
+    campaign, commands = replace(planned, slews=tuple(slews)), [path.wheel_torque for path in paths]
+    return _flight(plan, mission, campaign, errors, commands, truth, theta)
 
 
 def _measured_error_B(plan: Plan, k: int, slew: Slew) -> np.ndarray:
@@ -207,7 +205,7 @@ def _readings(
     mission: Mission,
     truth: Sequence[Trajectory],
     rng: np.random.Generator | None,
-) -> tuple[Readings, Mapping[str, float]]:
+) -> tuple[Readings, dict[str, float]]:
     """Readings of a flight by the forward model, and its parameters.
 
     Errors of further sensors and of the device are drawn from their prior; without `rng` they are
@@ -218,14 +216,18 @@ def _readings(
     theta = np.array(model.space.mean if rng is None else model.draw_prior(rng, 1)[0])
     theta[: model.n_base] = mission.theta
     theta = with_effect_values(model, theta, craft.effects, craft.values)
-    keys = Start._fields
-    first = [np.stack([np.asarray(getattr(path, key))[0] for path in truth]) for key in keys]
     bias = np.zeros(model.n_bias)
     if craft.rate_sensor is not None and craft.bias is not None:
         sensor = craft.gyro
         bias = (np.array(craft.bias) - sensor.bias) / np.array(sensor.bias_sigma)
-    told = model_readings(model, theta, bias, Start(*first), rng)  # type: ignore[arg-type]
+    told = model_readings(model, theta, bias, first_states(truth), rng)
     return told, dict(zip(model.space.names, theta.tolist(), strict=True))
+
+
+def first_states(truth: Sequence[Trajectory]) -> Start:
+    """The state at the first row of each slew, (slews, ...) in every field."""
+    paths = [[getattr(path, key)[0] for path in truth] for key in Start._fields]
+    return Start(*map(np.stack, paths))  # type: ignore[arg-type]
 
 
 def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -> None:
@@ -238,25 +240,20 @@ def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -
     require_of_effect(not bad.any(), planned.slews[first].name, what, advice)
 
 
-def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flight:
-    """The flight, from the numpy arrays of all slews (a `FlownSlew`)."""
+def _flight(
+    plan: Plan,
+    mission: Mission,
+    campaign: Campaign,
+    errors: tuple[np.ndarray, np.ndarray],
+    commands: Sequence[np.ndarray],
+    truth: tuple[Trajectory, ...],
+    parameters: Mapping[str, float],
+) -> Flight:
+    """The flight with the peaks of its wheels; `errors` of the attitude: final and measured."""
     craft = mission.spacecraft
-    slews = tuple(_telemetry(plan, craft, i, slew, flown) for i, slew in enumerate(planned.slews))
-    truth = tuple(_true_path(i, slew, flown) for i, slew in enumerate(planned.slews))
-    commands = [flown.command[i, : len(slew.time)] for i, slew in enumerate(slews)]
-    measured = flown.measured_error_B
-    if craft.star_tracker is None:
-        measured = np.full_like(flown.final_error_B, np.nan)
-    return Flight(
-        campaign=replace(planned, slews=slews),
-        plan=plan,
-        mission=mission,
-        final_error_B=flown.final_error_B,
-        measured_error_B=measured,
-        peak_torque=_peaks(commands, craft, "max_torque"),
-        peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
-        truth=truth,
-    )
+    torque = _peaks(commands, craft, "max_torque")
+    momentum = _peaks([path.wheel_momentum for path in truth], craft, "max_momentum")
+    return Flight(campaign, plan, mission, *errors, torque, momentum, truth, parameters)
 
 
 def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) -> Slew:

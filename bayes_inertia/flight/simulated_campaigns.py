@@ -24,7 +24,7 @@ from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly, require_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, body_tensor, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import json_ready, whole_number
@@ -288,8 +288,7 @@ def _drawn_base(template: Campaign, rng: np.random.Generator) -> tuple[np.ndarra
         return base_space(prior, template.rate_sensor, joint).draw(rng, n)
 
     drawn = draw_bodies(template, draw, 1)[0]
-    J = np.array(inertia_tensor.tensor(drawn[:6]))
-    return without_spin(J, prior.includes_wheel_spin, template.wheels), drawn[6:]
+    return body_tensor(drawn[:6], prior, template.wheels), drawn[6:]
 
 
 def draw_bodies(

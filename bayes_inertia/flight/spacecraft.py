@@ -22,7 +22,7 @@ from bayes_inertia.campaign.hardware import (
 )
 from bayes_inertia.errors import members, require_kind
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -290,16 +290,16 @@ def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
     return np.array(inertia_tensor.wheel_spin_tensor(axes, np.array(spin)))
 
 
-def without_spin(
-    tensor: np.ndarray, includes_wheel_spin: bool, wheels: Sequence[Wheel]
-) -> np.ndarray:
-    """J of everything except the wheels' spin, from J_locked if that is what is given.
+def body_tensor(elements: AnyArray, prior: InertiaPrior, wheels: Sequence[Wheel]) -> np.ndarray:
+    """J of everything except the wheels' spin, from elements of the tensor that a prior is of.
 
-    `tensor` (..., 3, 3) [kg m^2]. Returns (..., 3, 3) [kg m^2].
+    `elements` (..., 6) [kg m^2]. Returns (..., 3, 3) [kg m^2].
 
     Examples
     --------
-    >>> without_spin(np.eye(3), True, [Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
+    >>> prior = InertiaPrior(np.eye(3), 0.1, 0.1, includes_wheel_spin=True)
+    >>> body_tensor(prior.elements, prior, [Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
     0.999
     """
-    return tensor - spin_tensor(wheels) if includes_wheel_spin else tensor
+    tensor = np.array(inertia_tensor.tensor(elements))
+    return tensor - spin_tensor(wheels) if prior.includes_wheel_spin else tensor
