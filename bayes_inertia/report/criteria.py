@@ -115,13 +115,8 @@ def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
 
     `*tables`: rows of `parameters` or `derived` of one or more summaries that share a table.
     """
-    values: dict[str, tuple[str, float, float]] = {}
-    for rows in tables:
-        for name, row in rows.items():
-            sd = sd_in_print(row)
-            _, mean, largest = values.get(name, ("", 0.0, 0.0))
-            values[name] = (row["unit"], max(abs(row["mean"]), mean), max(sd, largest))
-    return common_exponents(values)
+    rows = (named for table in tables for named in table.items())
+    return common_exponents((name, r["unit"], r["mean"], sd_in_print(r)) for name, r in rows)
 
 
 def contraction(row: Mapping[str, Any]) -> float:

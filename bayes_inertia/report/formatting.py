@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,22 +38,23 @@ def channel_name(channel: str) -> str:
     return _CHANNEL_NAMES.get(channel, channel)
 
 
-def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str, int]:
-    """Powers of ten of the parameters of one table: one for all of a kind.
+def common_exponents(rows: Iterable[tuple[str, str, float, float]]) -> dict[str, int]:
+    """Powers of ten of the parameters of one table, by name: one for all of a kind.
 
+    `rows`: name, unit, mean and sd of each; a name may have several, as of several results.
     Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
     unit are a kind each. The largest of a kind decides.
 
     >>> unit = "kg m^2"
-    >>> common_exponents({"Jxx": (unit, 3.3, 0.1), "Jxy": (unit, 0.01, 1e-4),
-    ...                   "Jxz": (unit, 0.002, 1e-4)})
+    >>> common_exponents([("Jxx", unit, 3.3, 0.1), ("Jxy", unit, 0.01, 1e-4),
+    ...                   ("Jxz", unit, 0.002, 1e-4)])
     {'Jxx': 0, 'Jxy': 0, 'Jxz': 0}
     """
-    sizes: dict[tuple[str, str], float] = {}
-    for name, (unit, mean, sd) in values.items():
-        kind = (kind_of(name), unit)
-        sizes[kind] = max(sizes.get(kind, 0.0), abs(mean), sd)
-    return {name: exponent(sizes[kind_of(name), unit], 0.0) for name, (unit, *_) in values.items()}
+    kinds, sizes = {}, defaultdict[tuple[str, str], float](float)
+    for name, unit, mean, sd in rows:
+        kinds[name] = kind = (kind_of(name), unit)
+        sizes[kind] = max(sizes[kind], abs(mean), sd)
+    return {name: exponent(sizes[kind], 0.0) for name, kind in kinds.items()}
 
 
 def kind_of(name: str) -> str:

@@ -70,7 +70,7 @@ def templated(template: str, result: ExportedResult) -> str:
         ),
         tensor=partial(tensor_digits, result),
         K=[{"name": p.name, "digits": guarded_digits(p.new, p.sd)} for p in result.scale_factors],
-        powers=common_exponents({p.name: (p.unit, p.new, p.sd) for p in result.parameters}),
+        powers=common_exponents((p.name, p.unit, p.new, p.sd) for p in result.parameters),
         rounded_in=lambda p, power: [
             rounded(x / 10.0**power, p.sd / 10.0**power) for x in (p.old, p.new, p.sd)
         ],

@@ -177,7 +177,7 @@ def _row_labels(
 ) -> list[str]:
     """Name and unit of each row, and what its cells span; a kind of parameters shares its unit."""
     units = [str(posterior.tree["posterior"][name].attrs.get("units", "")) for name in names]
-    powers = common_exponents(dict(zip(names, zip(units, mean, half, strict=True), strict=True)))
+    powers = common_exponents(zip(names, units, mean, half, strict=True))
     labels = []
     for name, unit, middle, width in zip(names, units, mean, half, strict=True):
         scale = 10.0 ** powers[name]
