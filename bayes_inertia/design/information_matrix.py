@@ -22,7 +22,7 @@ ms).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -188,16 +188,13 @@ def _whitened_columns(layout: ForecastLayout, slew: _Slew, theta: Array) -> Arra
     structure, conditions, path = layout.structure, slew.conditions, slew.path
     scale, spin, d = conditions.scale, slew.context.spin_inertia, len(theta)
     n_bias, nothing = len(scale.bias), jnp.zeros(structure.n_local)
+    ends = (d, d + n_bias)
     nominal = slew.along(theta, nothing)
     planned = path.wheel_momentum + spin * (path.rate_B @ nominal.axes_B)
     total_B = path.rate_B @ nominal.inertia_B + planned @ nominal.axes_B.T + nominal.carried_B
 
-    def split(unknown: Array) -> tuple[Array, Array, Array]:
-        theta, bias, local = jnp.split(unknown, [d, d + n_bias])
-        return theta, bias, local
-
     def known(unknown: Array) -> _Known:
-        theta, _, local = split(unknown)
+        theta, _, local = jnp.split(unknown, ends)
         now, start = slew.along(theta, local), scale.local * local[: structure.n_start]
         rate, turn, added = jnp.split(start, [3, 6])
         locked = inertia_tensor.with_wheel_spin(now.inertia_B, now.axes_B, spin)
@@ -219,7 +216,7 @@ def _whitened_columns(layout: ForecastLayout, slew: _Slew, theta: Array) -> Arra
     moved = turned, d_rate, d_wheel
     whitened = []
     for k, weight in enumerate(_counts(layout, path.time)):
-        columns = _channel_columns(slew, k, unknown, split, moved)
+        columns = _channel_columns(slew, k, unknown, ends, moved)
         whitened.append(_counted(layout, slew, k, weight, columns).reshape(-1, len(unknown)))
     return jnp.concatenate(whitened)
 
@@ -246,26 +243,26 @@ def _channel_columns(
     slew: _Slew,
     k: int,
     unknown: Array,
-    split: Callable[[Array], tuple[Array, Array, Array]],
+    ends: tuple[int, int],
     moved: tuple[Array, Array, Array],
 ) -> Array:
     """Whitened derivatives (n, components, p) of the k-th channel by p unknowns.
 
-    `moved`: deviations of attitude, rate and wheel momentum (n, 3 or wheels, p).
+    `ends` of theta and of the bias among the unknowns; `moved`: deviations of attitude, rate and
+    wheel momentum (n, 3 or wheels, p).
     """
     channel, factors, path = slew.structure.channels[k], slew.conditions.factors[k], slew.path
     follows = {"rate_output": 1, "momentum_output": 2}.get(channel.hook, 0)
 
     def reported(unknown: Array, change: Array) -> Array:
-        attitude, rate_B, wheel = path.attitude, path.rate_B, path.wheel_momentum
         if follows == 0:
-            attitude = quaternion.turned(attitude, change)
+            near = path._replace(attitude=quaternion.turned(path.attitude, change))
         elif follows == 1:
-            rate_B = rate_B + change
+            near = path._replace(rate_B=path.rate_B + change)
         else:
-            wheel = wheel + change
-        near = path._replace(attitude=attitude, rate_B=rate_B, wheel_momentum=wheel)
-        return slew.reported(k, *split(unknown), near)
+            near = path._replace(wheel_momentum=path.wheel_momentum + change)
+        theta, bias, local = jnp.split(unknown, ends)
+        return slew.reported(k, theta, bias, local, near)
 
     nothing = jnp.zeros(moved[follows].shape[:2])
     measured = reported(unknown, nothing)

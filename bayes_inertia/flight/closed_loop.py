@@ -301,12 +301,10 @@ class FlownSlew(NamedTuple):
 class _HookTerms(NamedTuple):
     """Terms of whole-history hooks, and the `commands` (grid, wheels) [N m] that they saw.
 
-    They add to the delivered `torque` (grid, wheels) [N m], the sensor-axis rates `rate_S` (n, 3)
-    [rad/s], the star tracker's `attitude` (n, 3) [rad] and the tachometers' `momentum` (n, wheels)
-    [N m s].
+    They add to the sensor-axis rates `rate_S` (n, 3) [rad/s], the star tracker's `attitude` (n, 3)
+    [rad] and the tachometers' `momentum` (n, wheels) [N m s].
     """
 
-    torque: Array
     rate_S: Array
     attitude: Array
     momentum: Array
@@ -370,9 +368,7 @@ def fly_slew(loop: ClosedLoop) -> FlownSlew:
     n_rows, wheels = len(loop.schedule.time), loop.law.allocation.shape[0]
     no_torque = jnp.zeros((n_rows * loop.substeps, wheels))
     no_rotation = jnp.zeros((n_rows, 3))
-    no_terms = _HookTerms(
-        no_torque, no_rotation, no_rotation, jnp.zeros((n_rows, wheels)), no_torque
-    )
+    no_terms = _HookTerms(no_rotation, no_rotation, jnp.zeros((n_rows, wheels)), no_torque)
     one_round = partial(_round, loop)
     if not loop.active:
         return one_round(no_terms)[0]
@@ -399,7 +395,7 @@ def _round(loop: ClosedLoop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     n_rows, substeps = len(loop.schedule.time), loop.substeps
     slew = loop.slew._replace(context=loop.slew.context._replace(torque=terms.commands))
     body, motion, delivered = prepare(slew, loop.plant.start, loop.plant.inertia_B, loop.active)
-    exogenous = delivered - terms.commands if loop.active else terms.torque
+    exogenous = delivered - terms.commands if loop.active else jnp.zeros_like(terms.commands)
     period = partial(_control_period, loop, body, _bias_snapshot(loop, terms))
     first = (motion, loop.schedule.start_attitude, jnp.zeros(3))
     rows = _rows(loop, (grid_steps(slew), exogenous), terms)
@@ -439,13 +435,13 @@ def _bias_snapshot(loop: ClosedLoop, terms: _HookTerms) -> Array:
 
 def _rows(loop: ClosedLoop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
     """Inputs of a scan over control periods: everything that differs from row to row."""
-    n_rows, noise = len(loop.schedule.time), loop.noise
+    n_rows = len(loop.schedule.time)
     unused = jnp.zeros(n_rows)
     return {
         "grid": jax.tree.map(lambda x: x.reshape(n_rows, loop.substeps, *x.shape[1:]), grid),
         "reference": reference_motion(loop.schedule),
-        "noise": SensorNoise(noise.rate, noise.momentum, noise.attitude, unused),
-        "terms": _HookTerms(unused, terms.rate_S, terms.attitude, terms.momentum, unused),
+        "noise": loop.noise._replace(bias_snapshot=unused),
+        "terms": terms._replace(commands=unused),
     }
 
 
@@ -506,7 +502,6 @@ def _ask_hooks(
         fix = effect.attitude_output(p, context, with_states, fix)
         tachometer = effect.momentum_output(p, context, with_states, tachometer)
     terms = _HookTerms(
-        torque=jnp.zeros_like(commands),
         rate_S=(rate_S - plain)[:: loop.substeps],
         attitude=quaternion.error(attitude, fix)[:: loop.substeps],
         momentum=(tachometer - momentum)[:: loop.substeps],

@@ -138,11 +138,10 @@ def rigid_body(spacecraft: Spacecraft) -> RigidBody:
     """
     wheels, device = spacecraft.wheels, spacecraft.device
     spin, shares = np.array([wheel.spin_inertia for wheel in wheels]), allocation(wheels)
-    if device is None:
-        return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, shares, spin)
-    still = np.zeros_like(shares)
-    devices = {device.record.name: device.array}
-    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, still, spin, devices)
+    devices = None
+    if device is not None:  # The wheels hold still.
+        shares, devices = np.zeros_like(shares), {device.record.name: device.array}
+    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, shares, spin, devices)
 
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,56 +67,52 @@ def parameter_space(effect: Effect, template: Campaign) -> ParameterSpace:
     return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
 
 
-@dataclass(frozen=True)
-class _Request:
-    """A request like `wheel_command_lag.tau=0.12`; without `parameter` the effect is drawn."""
+def _request(text: str) -> tuple[str, str, str]:
+    """Effect, parameter and value of a request like `wheel_command_lag.tau=0.12`.
 
-    effect: str
-    parameter: str
-    value: str
-
-    @classmethod
-    def parsed(cls, text: str) -> _Request:
-        key, _, value = text.partition("=")
-        # An effect from outside is called `FILE.py:Class` or `package.module:Class`.
-        source, colon, rest = key.rpartition(":")
-        effect, _, parameter = rest.partition(".")
-        return cls(f"{source}{colon}{effect}", parameter, value)
+    Without a parameter the effect is drawn.
+    """
+    key, _, value = text.partition("=")
+    # An effect from outside is called `FILE.py:Class` or `package.module:Class`.
+    source, colon, rest = key.rpartition(":")
+    effect, _, parameter = rest.partition(".")
+    return f"{source}{colon}{effect}", parameter, value
 
 
 def _hidden_effects(
     texts: Sequence[str], template: Campaign, rng: np.random.Generator
 ) -> tuple[tuple[Effect, ...], dict[str, dict[str, Any]]]:
     """Effects and values that requests name."""
-    requests = [_Request.parsed(text) for text in texts]
-    names = tuple(dict.fromkeys(request.effect for request in requests))
+    requests = [_request(text) for text in texts]
+    names = tuple(dict.fromkeys(effect for effect, *_ in requests))
     effects = tuple(e.in_campaign(template) for e in effects_named(pinned_names(names)))
     values: dict[str, dict[str, Any]] = {}
     for name, effect in zip(names, effects, strict=True):
         space = parameter_space(effect, template)
-        settings = [r for r in requests if r.effect == name and r.parameter]
+        settings = [(key, value) for of, key, value in requests if of == name and key]
         flat = space.nulls if settings else space.draw(rng, 1)[0]
         by_parameter = {
             k: np.asarray(v) for k, v in space.split(jnp.asarray(flat))[effect.name].items()
         }
-        for request in settings:
-            by_parameter[request.parameter] = _requested_value(request, by_parameter)
+        for key, value in settings:
+            by_parameter[key] = _requested_value(name, key, value, by_parameter)
         values[effect.name] = by_parameter
     return effects, values
 
 
-def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) -> np.ndarray:
+def _requested_value(
+    effect: str, parameter: str, value: str, by_parameter: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """The value that a request asks for, in the shape of its parameter."""
-    known, what = request.parameter in by_parameter, f"no parameter {request.parameter!r}"
-    advice = f"its parameters are {', '.join(by_parameter)}"
-    require_of_effect(known, request.effect, what, advice)
-    null = by_parameter[request.parameter]
+    known, what = parameter in by_parameter, f"no parameter {parameter!r}"
+    require_of_effect(known, effect, what, f"its parameters are {', '.join(by_parameter)}")
+    null = by_parameter[parameter]
     try:
-        given = np.array([float(x) for x in request.value.split(",")])
+        given = np.array([float(x) for x in value.split(",")])
         return np.broadcast_to(given, null.shape) if null.shape else given.reshape(())
     except ValueError:
-        what = f"{request.value!r} is not {counted(null.size, 'number')}"
-        where, advice = f"{request.effect}.{request.parameter}", "give numbers separated by commas"
+        what = f"{value!r} is not {counted(null.size, 'number')}"
+        where, advice = f"{effect}.{parameter}", "give numbers separated by commas"
         raise EffectError(what, where=where, advice=advice) from None
 
 
@@ -347,7 +343,6 @@ def draw_flight(
     effects: Sequence[Effect] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
     vary: bool = True,
-    controller: Controller | None = None,
     craft: Spacecraft | None = None,
 ) -> Flight:
     """One campaign of a calibration study: truth drawn from the template's prior, flown with noise.
@@ -359,6 +354,4 @@ def draw_flight(
     drawn = draw_spacecraft(template, rng, effects, values, craft)
     mission = Mission(drawn, template.inertia, template.prior)
     flown_plan = vary_plan(plan, rng) if vary else plan
-    return fly(
-        flown_plan, mission, int(rng.integers(2**63)), controller=controller, name=template.name
-    )
+    return fly(flown_plan, mission, int(rng.integers(2**63)), name=template.name)
