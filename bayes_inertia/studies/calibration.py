@@ -248,11 +248,8 @@ def calibration_of(cases: Sequence[CalibrationCase], result: WorkResult) -> Cali
         what = f"no fit of the case {case.name} succeeded: {reason}"
         advice = "leave the case out, or ask for more fits"
         require(bool(rows), "calibration", what, advice, error=StudyError)
-        table = {
-            key: np.array([row[key] for row in rows])
-            for key in ("rank", "truth", "mean", "sd", "explained", "nested_rhat")
-        }
-        z = (table["truth"] - table["mean"]) / table["sd"]
-        told = z, table["explained"], table["nested_rhat"]
-        parts.append(CaseCalibration(case.name, case.says, table["rank"], *told))
+        column = WorkResult(tuple(rows)).column
+        z = (column("truth") - column("mean")) / column("sd")
+        told = column("rank"), z, column("explained"), column("nested_rhat")
+        parts.append(CaseCalibration(case.name, case.says, *told))
     return Calibration(tuple(parts), result.failures)

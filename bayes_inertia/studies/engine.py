@@ -250,17 +250,12 @@ def _result(future: Future, task: str, workers: Workers) -> Outcome | None:
     except workers.died:
         return None
     except CancelledError as error:
-        raise StudyError(
-            "calls to workers were cancelled",
-            where=task,
-            advice="the same command goes on with what was finished",
-        ) from error
+        advice = "the same command goes on with what was finished"
+        raise StudyError("calls to workers were cancelled", where=task, advice=advice) from error
     except Exception as error:
-        raise StudyError(
-            f"a worker cannot do the tasks ({type(error).__name__}: {error})",
-            where=task,
-            advice="install the same versions of bayes-inertia and Python for all workers",
-        ) from error
+        what = f"a worker cannot do the tasks ({type(error).__name__}: {error})"
+        advice = "install the same versions of bayes-inertia and Python for all workers"
+        raise StudyError(what, where=task, advice=advice) from error
 
 
 def _do(task: Task, seed: int, task_id: str) -> Outcome:

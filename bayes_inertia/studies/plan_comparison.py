@@ -29,6 +29,8 @@ from bayes_inertia.studies.engine import Notice, run_work
 from bayes_inertia.studies.work import Row, Work, WorkResult
 from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
 
+_LOOK = "look at the plan and at the campaign's prior"
+
 
 @dataclass(frozen=True)
 class SimulatedFit:
@@ -45,30 +47,26 @@ class SimulatedFit:
 def simulated_fits(
     plan: Plan,
     mission: Mission,
-    campaigns: int | range,
+    campaigns: int,
     seed: int = 0,
     *,
     options: Mapping[str, Any] | None = None,
 ) -> Work:
-    """Campaigns of one plan (how many, or which numbers) as the tasks of a study.
+    """So many campaigns of one plan as the tasks of a study.
 
     Campaign i of two plans has the same truth for the same seed. `options` tell plan and mission
     from others where rows are kept in a folder.
     """
-    numbers = range(campaigns) if isinstance(campaigns, int) else campaigns
-    ids = tuple(str(number) for number in numbers)
+    ids = tuple(map(str, range(campaigns)))
     return Work("campaigns", SimulatedFit(plan, mission), ids, seed, options or {})
 
 
 def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
     """The rows of `simulated_fits` as arrays; StudyError if fewer than `least` could be fitted."""
-    if len(result.rows) < least:
-        raise StudyError(
-            f"{len(result.rows)} campaigns could be fitted; the first that could not: "
-            f"{result.failures[0].reason}",
-            where="simulated campaigns",
-            advice="look at the plan and at the campaign's prior",
-        )
+    if (fitted := len(result.rows)) < least:
+        first = result.failures[0].reason
+        what = f"{fitted} campaigns could be fitted; the first that could not: {first}"
+        raise StudyError(what, where="simulated campaigns", advice=_LOOK)
     return AchievedErrors(*(result.column(field.name) for field in fields(AchievedErrors)))
 
 
@@ -85,12 +83,9 @@ def fit_simulated_campaigns(
     if result.failures:
         first, task = result.failures[0], work.task
         plan = f"{task.plan.name}, " if isinstance(task, SimulatedFit) else ""
-        raise StudyError(
-            f"{len(result.failures)} of {len(work.ids)} campaigns could not be fitted, the first "
-            f"because of: {first.reason}",
-            where=f"{plan}campaign {first.task}",
-            advice="look at the plan and at the campaign's prior",
-        )
+        failed = f"{len(result.failures)} of {len(work.ids)} campaigns could not be fitted"
+        what = f"{failed}, the first because of: {first.reason}"
+        raise StudyError(what, where=f"{plan}campaign {first.task}", advice=_LOOK)
     return achieved_errors(result)
 
 

@@ -162,11 +162,9 @@ def _room(client: distributed.Client, address: str) -> int:
             raise OSError("no connection")
         threads = client.sync(client.scheduler.ncores, callback_timeout=LIMITS.answer_seconds)
     except OSError as error:
-        raise StudyError(
-            "the dask scheduler is gone",
-            where=address,
-            advice="the same command goes on with what was finished",
-        ) from error
+        what = "the dask scheduler is gone"
+        advice = "the same command goes on with what was finished"
+        raise StudyError(what, where=address, advice=advice) from error
     return max(1, LIMITS.calls_a_worker * sum(threads.values()))
 
 
