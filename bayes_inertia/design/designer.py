@@ -495,11 +495,9 @@ def best_plan(
     margins = planned_margins(plan, spacecraft, limits)
     said = [m.says for m in margins if m.limit.startswith(binding.removeprefix("wheel "))]
     what = "no plan was found that keeps it; the nearest misses it, with its reserve, by"
-    raise DesignError(
-        f"{what} {-100 * slack:.2g} %" + (f" ({said[0]})" if said else ""),
-        where=f"limit {binding}",
-        advice="loosen it, or ask for fewer slews or more time",
-    )
+    what += f" {-100 * slack:.2g} %" + (f" ({said[0]})" if said else "")
+    advice = "loosen it, or ask for fewer slews or more time"
+    raise DesignError(what, where=f"limit {binding}", advice=advice)
 
 
 def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:

@@ -75,20 +75,14 @@ def region_within(
     >>> round(region_within(Limits(rate=0.02), hardware_limits(most_like_spacecraft())).rate, 6)
     0.0184
     """
-    rate = min(
-        (1.0 - limits.rate_reserve) * (limits.rate or math.inf),
-        (1.0 - limits.rate_reserve) * hardware.sensor_range,
-    )
+    rate = (1.0 - limits.rate_reserve) * min(limits.rate or math.inf, hardware.sensor_range)
     rate = rate if math.isfinite(rate) else default_rate or NUMERICS.default_rate
     acceleration = min(limits.acceleration or math.inf, rate / NUMERICS.shortest_ramp)
-    keep = 1.0 - limits.wheel_reserve
+    largest, keep = min(limits.angle or math.pi, math.pi), 1.0 - limits.wheel_reserve
     return FeasibleRegion(
         rate=rate,
         acceleration=acceleration,
-        angles=(
-            min(NUMERICS.smallest_angle, 0.5 * (limits.angle or math.pi)),
-            min(limits.angle or math.pi, math.pi),
-        ),
+        angles=(min(NUMERICS.smallest_angle, 0.5 * largest), largest),
         torque=keep * hardware.wheel_torque,
         momentum=keep * hardware.wheel_momentum,
         time=limits.total_time or math.inf,
@@ -246,11 +240,8 @@ def _require_time(shortest: Plan, limits: Limits) -> None:
         return
     short = math.ceil(needed - allowed)
     what = f"{counted(n, 'slew')} need at least {math.ceil(needed)} s"
-    raise DesignError(
-        f"{what}, {allowed:.6g} s allowed ({short} s too few)",
-        where="limit total time",
-        advice="allow more time, or fewer slews",
-    )
+    what += f", {allowed:.6g} s allowed ({short} s too few)"
+    raise DesignError(what, where="limit total time", advice="allow more time, or fewer slews")
 
 
 def _require_rest(
@@ -263,6 +254,5 @@ def _require_rest(
 ) -> None:
     """An error where a rest itself breaks a limit of one of these kinds; `place` of a margin."""
     for margin in broken_limits([m for m in margins if m.limit.startswith(kinds)]):
-        raise DesignError(
-            f"{what}: {replace(margin, where=place).says}", where=where, advice=advice
-        )
+        says = replace(margin, where=place).says
+        raise DesignError(f"{what}: {says}", where=where, advice=advice)

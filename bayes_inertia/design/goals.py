@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 
 # What the number of each goal means, and its unit; smaller is better.
 GOALS = {
@@ -63,12 +63,10 @@ class Goal:
             near = difflib.get_close_matches(str(self.kind), GOALS, 1)
             advice = f"did you mean {near[0]}?" if near else f"choose {', '.join(GOALS)}"
             raise CampaignError(f"unknown goal {self.kind!r}", where="goal", advice=advice)
-        if (len(set(self.effects)) != 2) if self.kind == "separate" else self.effects:
-            raise CampaignError(
-                "separate takes two different effects, other goals none",
-                where="goal",
-                advice="write separate:effect_a,effect_b",
-            )
+        asked = 2 if self.kind == "separate" else 0
+        what = "separate takes two different effects, other goals none"
+        right = len(set(self.effects)) == asked
+        require(right, "goal", what, "write separate:effect_a,effect_b")
 
     @property
     def says(self) -> str:

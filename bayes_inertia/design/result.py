@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from bayes_inertia.design.goals import GOALS, Goal
+from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits
 from bayes_inertia.flight.plan import Plan, slews_card
@@ -14,9 +14,8 @@ from bayes_inertia.maths.printed import Card, counted, exponent, number, shown_a
 def _card(design: Design) -> Card:
     """The slews to fly, and what they gain."""
     plan, limits = design.plan, "kept" if design.kept else "broken"
-    _, unit = GOALS[design.goal.kind]
     power = exponent(design.value, 0.0)
-    value = f"{number(design.value, design.value, power)} {unit_text(unit, power)}"
+    value = f"{number(design.value, design.value, power)} {unit_text(design.goal.unit, power)}"
     gain, better = design.gain, "better" if design.gain >= 1.0 else "worse"
     lines = (
         f"Design of {counted(len(plan.slews), 'slew')} for {design.goal}: {value}, limits {limits}",

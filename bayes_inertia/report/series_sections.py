@@ -52,16 +52,14 @@ def history_sections(history: History) -> list[Section]:
     """The page of `history`, the answer first."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
+    jumps = (phrase("plans", "jump", history, jump) for jump in possible)
     result = history_table(history).section(
         "Result",
         captioned("history", draw_history(history)),
         sentence=history_answer(history),
         level="caution" if possible else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
-        notes=(
-            *(phrase("plans", "jump", history, jump) for jump in possible),
-            *series_notes(history),
-        ),
+        notes=(*jumps, *series_notes(history)),
     )
     return [result]
 

@@ -50,10 +50,8 @@ def ensembles_of(posterior: Posterior, name: str) -> tuple[np.ndarray, style.Sca
 
 def by_ensemble(posterior: Posterior, group: str, name: str) -> np.ndarray:
     """A variable as (ensembles, walkers, draws)."""
-    values, n = (
-        posterior_data.values_of(posterior, group, name),
-        posterior_data.n_ensembles(posterior),
-    )
+    values = posterior_data.values_of(posterior, group, name)
+    n = posterior_data.n_ensembles(posterior)
     # Runs of earlier versions have a chain for each walker.
     walkers = posterior.attributes.get("walkers") or len(values) // n
     return values.reshape(n, walkers, -1)
