@@ -37,12 +37,7 @@ from bayes_inertia.inference.noise_model import densities_of
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import log_density_at, sample
-from bayes_inertia.inference.settings import (
-    FitContext,
-    Settings,
-    require_settings,
-    usual_settings,
-)
+from bayes_inertia.inference.settings import FitContext, Settings, require_settings, usual_settings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.printed import Card, parameter_card, shown_as

@@ -18,19 +18,9 @@ from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.app.told_torques import refuse_impossible
 from bayes_inertia.campaign.prior import SUMMARY_FILE
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.errors import (
-    BayesInertiaError,
-    OutputError,
-    library_of_extra,
-    require,
-)
+from bayes_inertia.errors import BayesInertiaError, OutputError, library_of_extra, require
 from bayes_inertia.files import path_of, write_atomically
-from bayes_inertia.inference.settings import (
-    FitContext,
-    Settings,
-    require_settings,
-    usual_settings,
-)
+from bayes_inertia.inference.settings import FitContext, Settings, require_settings, usual_settings
 from bayes_inertia.maths.values import by_name, json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names

@@ -33,12 +33,7 @@ from bayes_inertia.errors import CampaignError, EffectError, SettingsError, requ
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.settings import (
-    FitContext,
-    Settings,
-    require_settings,
-    usual_settings,
-)
+from bayes_inertia.inference.settings import FitContext, Settings, require_settings, usual_settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY

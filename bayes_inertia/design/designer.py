@@ -40,12 +40,7 @@ from bayes_inertia.errors import DesignError, members, require, require_kind
 from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.planned_motion import (
-    RigidBody,
-    planned_slews,
-    rigid_body,
-    slew_arrays,
-)
+from bayes_inertia.flight.planned_motion import RigidBody, planned_slews, rigid_body, slew_arrays
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.maths.printed import counted

@@ -28,12 +28,7 @@ from bayes_inertia.design.information_forecast import (
     forecast_of,
     last_environment,
 )
-from bayes_inertia.design.limits import (
-    Limits,
-    hardware_limits,
-    limits_of_next_slew,
-    rate_turned_at,
-)
+from bayes_inertia.design.limits import Limits, hardware_limits, limits_of_next_slew, rate_turned_at
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem

@@ -29,13 +29,7 @@ from bayes_inertia.flight.plan import angle_and_rate
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.effect import ActiveEffects, Effect
-from bayes_inertia.physics.equations_of_motion import (
-    Body,
-    SlewState,
-    advance,
-    grid_steps,
-    prepare,
-)
+from bayes_inertia.physics.equations_of_motion import Body, SlewState, advance, grid_steps, prepare
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput, Start
 

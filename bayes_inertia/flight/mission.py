@@ -27,13 +27,7 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import require_kind
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import (
-    Plan,
-    PlannedSlew,
-    ramp_factor,
-    times_left_out,
-    whole_periods,
-)
+from bayes_inertia.flight.plan import Plan, PlannedSlew, ramp_factor, times_left_out, whole_periods
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,

@@ -18,12 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import sd_in_print, sharpened
-from bayes_inertia.report.formatting import (
-    common_exponents,
-    number,
-    unit_text,
-    with_minus_sign,
-)
+from bayes_inertia.report.formatting import common_exponents, number, unit_text, with_minus_sign
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
