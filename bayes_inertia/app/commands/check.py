@@ -28,7 +28,6 @@ from bayes_inertia.app.terminal import (
 )
 from bayes_inertia.maths.printed import counted
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.report.formatting import brief, typeset
 from bayes_inertia.version import versions
 
 if TYPE_CHECKING:
@@ -121,6 +120,7 @@ def _gain_in_words(device: Any) -> str:
 
 
 def _percent(fraction: float) -> str:
+    from bayes_inertia.report.formatting import brief
 
     return f"{brief(100 * fraction)} %"
 
@@ -167,6 +167,7 @@ def show_campaign(campaign: Campaign) -> None:
 
 
 def _slew_cells(row: dict[str, Any]) -> tuple[str, ...]:
+    from bayes_inertia.report.formatting import brief
 
     peak = row["peak_rate_radps"]
     return (
@@ -255,6 +256,7 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
 def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people."""
     from bayes_inertia.conventions.wording import invisible_in_brief
+    from bayes_inertia.report.formatting import typeset
     from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
@@ -305,6 +307,7 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
 
 def show_installation(content: Mapping[str, Any]) -> None:
     """Print what this installation consists of, and whether it works."""
+    from bayes_inertia.report.formatting import brief
     from bayes_inertia.report.words import sentences
 
     console, passed = plain_console(), content["self_test_passed"]
@@ -403,6 +406,7 @@ def _list_effects(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool
 
 def show_checked_effect(checked: CheckedEffect) -> None:
     """Print what was proven of an effect."""
+    from bayes_inertia.report.formatting import brief
     from bayes_inertia.report.words import sentences
 
     console = plain_console()

@@ -20,7 +20,6 @@ from bayes_inertia.app.terminal import (
     show_result,
 )
 from bayes_inertia.errors import SettingsError, require
-from bayes_inertia.report.formatting import exponent, number, unit_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -167,6 +166,8 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
 
 
 def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
+    from bayes_inertia.report.formatting import exponent, unit_text
+
     if not noises:
         console.print("no rest is long enough to see the sensors' noise")
         return
@@ -182,5 +183,7 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
 
 def _numbers(values: tuple[float, ...], power: int) -> str:
     """One number where all are the same."""
+    from bayes_inertia.report.formatting import number
+
     texts = [number(value, value, power) for value in values]
     return texts[0] if len(set(texts)) == 1 else " ".join(texts)

@@ -23,16 +23,6 @@ from bayes_inertia.app.terminal import (
     show_result,
 )
 from bayes_inertia.errors import SettingsError, require
-from bayes_inertia.report.formatting import (
-    NOT_GIVEN,
-    exponent,
-    kind_of,
-    number,
-    p_value_text,
-    typeset,
-    unit_powers,
-    unit_text,
-)
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
@@ -80,6 +70,7 @@ def fit_many_command(
 def show_fits(result: WorkResult, folder: Path) -> None:
     """Print a row a campaign."""
     from bayes_inertia.app.many_folder import campaign_of
+    from bayes_inertia.report.formatting import kind_of
 
     console, told = plain_console(), ("moment of inertia", "K")
     # Of a spacecraft without a rate sensor no K, and where nothing ties the size of J its ratios.
@@ -111,6 +102,8 @@ def show_fits(result: WorkResult, folder: Path) -> None:
 
 
 def _cell(row: dict[str, Any], name: str) -> str:
+    from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number, unit_text
+
     sd = row.get(f"{name}{_SD}")  # None of K that the gyro does not have
     if sd is None:
         return NOT_GIVEN
@@ -181,6 +174,7 @@ def _refuse_given(foreign: dict[str, Any]) -> None:
 def show_study(study: Study, folder: Path) -> None:
     """Print achieved beside stated sds, and how often intervals held the truth."""
     from bayes_inertia.physics.parameters import base_units
+    from bayes_inertia.report.formatting import number, unit_powers, unit_text
 
     console, achieved = plain_console(), study.achieved
     verdict = ("Stated sds hold.", "bold green")
@@ -214,6 +208,7 @@ def show_study(study: Study, folder: Path) -> None:
 
 def show_calibration(calibration: Calibration, folder: Path) -> None:
     """Print coverage and p-values of every case and quantity."""
+    from bayes_inertia.report.formatting import p_value_text
     from bayes_inertia.studies.calibration import QUANTITIES
 
     console = plain_console()
@@ -283,6 +278,8 @@ def _show(
 
     What gives way in a narrow terminal is the interval of the spread.
     """
+    from bayes_inertia.report.formatting import typeset
+
     console = plain_console()
     console.print(headed(typeset(answer)))
     print_table(table.columns, table.rows, list(table.columns)[5:6])

@@ -23,7 +23,6 @@ from bayes_inertia.app.terminal import (
     say,
     show_result,
 )
-from bayes_inertia.report.formatting import plain
 
 if TYPE_CHECKING:
     from bayes_inertia.app.observe_folder import ObservedCampaign
@@ -175,6 +174,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     differs.
     """
     from bayes_inertia.observability.sentences import answer
+    from bayes_inertia.report.formatting import plain
     from bayes_inertia.report.observability_sections import (
         columns_say,
         differences,

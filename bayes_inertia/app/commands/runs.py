@@ -25,7 +25,6 @@ from bayes_inertia.app.terminal import (
     say,
 )
 from bayes_inertia.errors import SettingsError, require
-from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, typeset, unit_text
 from bayes_inertia.sealing import SEAL_KEY
 
 if TYPE_CHECKING:
@@ -233,6 +232,8 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
 
 def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
     """The gates that are passed by name; those that failed with what they say, a line each."""
+    from bayes_inertia.report.formatting import typeset
+
     text = Text()
     for gate in gates:
         if not gate["passed"]:
@@ -250,6 +251,7 @@ def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
         ratios_told,
         sd_in_print,
     )
+    from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
 
     # Size and time of a free shape are for the page.
     shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
@@ -271,6 +273,7 @@ def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 def _told(row: dict[str, Any], by_ratio: bool, criteria: Criteria) -> str:
     """How far a parameter is determined; what is wrong with a refused fit may pass for that."""
     from bayes_inertia.report.criteria import determination_of
+    from bayes_inertia.report.formatting import NOT_GIVEN
 
     if by_ratio:
         return "its ratio"
