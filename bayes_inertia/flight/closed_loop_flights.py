@@ -66,13 +66,13 @@ def closed_loop_inputs(
     """
     craft, controller = mission.spacecraft, controller or mission.controller()
     planned = planned_campaign(plan, mission, name)
-    grid = integration_grid(planned, craft.effects)
+    grids, n_rows, substeps = integration_grid(planned, craft.effects)
     bias = rate_bias(craft, rng)
     starts = start_states(plan, craft, controller, rng)
-    n, tracked = grid.n_rows, craft.star_tracker is not None
-    schedules = [slew_schedule(plan, i, n, tracked=tracked) for i in range(len(plan.slews))]
+    tracked = craft.star_tracker is not None
+    schedules = [slew_schedule(plan, i, n_rows, tracked=tracked) for i in range(len(plan.slews))]
     return planned, ClosedLoop(
-        slew=grid.slews,
+        slew=grids,
         schedule=stacked_pytrees(schedules),
         plant=Plant(
             jnp.asarray(craft.inertia_B),
@@ -82,34 +82,17 @@ def closed_loop_inputs(
             starts,
         ),
         law=control_law(craft, controller, plan.telemetry_period),
-        noise=sensor_noise(planned, controller, plan, grid.n_rows, rng),
+        noise=sensor_noise(planned, controller, plan, n_rows, rng),
         active=craft.active_effects,
-        substeps=grid.substeps,
+        substeps=substeps,
     )
 
 
-class IntegrationGrid(NamedTuple):
-    """Integration grids of all slews.
-
-    Parameters
-    ----------
-    slews : SlewInput
-        Grids and environment, with a leading axis of slews.
-    n_rows : int
-        Telemetry rows, padded.
-    substeps : int
-        Integration steps a row.
-    """
-
-    slews: SlewInput
-    n_rows: int
-    substeps: int
-
-
-def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> IntegrationGrid:
+def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> tuple[SlewInput, int, int]:
     """The grids that a `Model` of the flown campaign will integrate on.
 
-    `campaign`: the plan as a campaign that has not been flown.
+    `campaign`: the plan as a campaign that has not been flown. Returns grids and environment with a
+    leading axis of slews; telemetry rows, padded; integration steps a row.
     """
     for effect in effects:
         for column in effect.needs:
@@ -124,7 +107,7 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
     def longer(rows: Array) -> Array:
         return on_device(repeated(np.asarray(rows), n_rows * substeps))
 
-    return IntegrationGrid(with_longer_grids(arrays.slews, longer), n_rows, substeps)
+    return with_longer_grids(arrays.slews, longer), n_rows, substeps
 
 
 def stacked_pytrees(parts: Sequence[Any]) -> Any:
@@ -313,17 +296,17 @@ def predict_final_errors(
     rng = None if seed is None else np.random.default_rng(seed)
     craft, n = mission.spacecraft, len(thetas)
     planned = planned_campaign(plan, mission).subset([index])
-    grid = integration_grid(planned, craft.effects)
+    grids, n_rows, substeps = integration_grid(planned, craft.effects)
     plant = _plants(thetas, plan, mission, controller, index, rng)
     tracked = craft.star_tracker is not None
     active = _active_in_draws(values, mission, n)
     errors = _final_errors(
-        _Flights(active.effects, grid.substeps),
-        jax.tree.map(lambda x: x[0], grid.slews),
-        slew_schedule(plan, index, grid.n_rows, tracked=tracked),
+        _Flights(active.effects, substeps),
+        jax.tree.map(lambda x: x[0], grids),
+        slew_schedule(plan, index, n_rows, tracked=tracked),
         plant,
         control_law(craft, controller, plan.telemetry_period),
-        sensor_noise(planned, controller, plan, grid.n_rows, rng, n if rng else 1),
+        sensor_noise(planned, controller, plan, n_rows, rng, n if rng else 1),
         active.values,
     )
     return np.asarray(errors)

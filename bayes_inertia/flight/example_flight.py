@@ -8,7 +8,7 @@ prior; commands are those that would make each slew, were J at its mean. The loo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,26 +39,13 @@ from bayes_inertia.physics.slew_input import Start
 from bayes_inertia.tables.table import Table
 
 
-@dataclass(frozen=True)
-class ExampleFlight:
-    """What a description's devices told.
-
-    Parameters
-    ----------
-    tables : mapping of str to Table
-        By file.
-    truth : dict
-        J, K and every other parameter as they were.
-    """
-
-    tables: Mapping[str, Table]
-    truth: dict[str, Any]
-
-
-def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
+def example_flight(
+    description: str, label: str, seed: int
+) -> tuple[dict[str, Table], dict[str, Any]]:
     """Fly the slews of a description, which knows no tables yet.
 
-    `label`: the description, as messages name it.
+    `label`: the description, as messages name it. Returns what its devices told, tables by file;
+    and the truth: J, K and every other parameter as they were.
     """
     parsed = parse_description(description, label)
     rng = np.random.default_rng(seed)
@@ -72,7 +59,7 @@ def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
         told = _told_beside(planned.slews[k]) | {name: given[k] for name, given in readings.items()}
         for entry in parsed.entries:
             _add_columns(tables, parsed, part, entry, *told[entry.field])
-    return ExampleFlight(tables, _truth(model, theta, bias, seed))
+    return tables, _truth(model, theta, bias, seed)
 
 
 def flown_again(

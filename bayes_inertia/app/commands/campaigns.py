@@ -26,16 +26,14 @@ def new_command(folder: Path, like: str = "microsat", seed: int = 1, as_json: bo
         from bayes_inertia.campaign.writer import files_of
         from bayes_inertia.flight.example_flight import example_flight
 
-        flight = example_flight(text, f"{like}.toml", seed)
-    truth = json.dumps(flight.truth, indent=1) + "\n"
-    content = {"truth.json": truth.encode(), **files_of(text, flight.tables)}
+        tables, truth = example_flight(text, f"{like}.toml", seed)
+    content = {"truth.json": f"{json.dumps(truth, indent=1)}\n".encode(), **files_of(text, tables)}
     write_new_files(folder, content, holds="campaign")
     if as_json:
-        tables = sorted(flight.tables)
         place = {"campaign": str(folder), "truth": str(folder / "truth.json")}
-        print_json({"format": FORMAT, **place, "tables": tables})
+        print_json({"format": FORMAT, **place, "tables": sorted(tables)})
         return
-    say(f"wrote campaign.toml, {len(flight.tables)} tables and truth.json in {folder}")
+    say(f"wrote campaign.toml, {len(tables)} tables and truth.json in {folder}")
     say(f"next: bayes-inertia fit {folder} -o run")
 
 
