@@ -92,7 +92,7 @@ def run_study(
     """Simulate and fit campaigns of one plan, and write study.json and study.png."""
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
-    what, advice = f"{campaigns} campaign tells nothing of scatter", "ask for 200"
+    what, advice = f"{campaigns} campaigns: no scatter can be seen", "ask for 200"
     require(campaigns >= 2, "campaigns", what, advice)
     options = {"plan": plan_sha256(chosen), "seed": seed}
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)

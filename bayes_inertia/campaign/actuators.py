@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.hardware import (
+    is_one_of,
     numbers,
     one_an_axis,
     require_key,
@@ -56,7 +57,7 @@ class KnownTorque:
 
     def __post_init__(self) -> None:
         _check(self)
-        known = self.frame in ("body", "inertial")
+        known = is_one_of(self.frame, ("body", "inertial"))
         what = f"{self.frame!r} is unknown"
         require_key(known, f"actuators.{self.name}.frame", what, "choose body or inertial")
 
@@ -271,7 +272,7 @@ class Change:
         require_name(self.name, "changes.name")
         object.__setattr__(self, "time", on_campaign_clock(self.time, f"{key}.time"))
         require_positive(self.sigma_fraction, f"{key}.sigma_fraction")
-        known = self.part == "inertia"
+        known = is_one_of(self.part, ("inertia",))
         require_key(known, f"{key}.part", f"{self.part!r} is unknown", 'write "inertia"')
 
 

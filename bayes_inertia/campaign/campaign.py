@@ -18,6 +18,7 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
     attitude_noise,
+    is_one_of,
     pairs,
     rate_noise,
     require_key,
@@ -177,7 +178,7 @@ class Campaign:
         require_key(len(given) == 2, "names", what, advice)
         object.__setattr__(self, "names", given)
         _require_different("sensors", [*(name for name, _ in self._each_sensor()), *names])
-        known = self.reference is None or self.reference in self.sensors
+        known = self.reference is None or is_one_of(self.reference, self.sensors)
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
         require_key(known, "reference", what, advice)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, get_args
 
@@ -37,6 +37,11 @@ def numbers(
 def require_name(value: Any, key: str) -> None:
     """Raise an error unless a name is a text."""
     require_key(isinstance(value, str), key, f"{value!r} is no name", "give a text")
+
+
+def is_one_of(value: Any, words: Container[str]) -> bool:
+    """Whether a value is one of some words: an array, for one, is none."""
+    return isinstance(value, str) and value in words
 
 
 def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
@@ -220,7 +225,7 @@ class Wheel:
 
     def __post_init__(self) -> None:
         require_name(self.name, "wheels.name")
-        known, what = self.state in get_args(WheelState), f"{self.state!r} is unknown"
+        known, what = is_one_of(self.state, get_args(WheelState)), f"{self.state!r} is unknown"
         advice = f"choose one of {', '.join(get_args(WheelState))}"
         require_key(known, f"wheels.{self.name}.state", what, advice)
         object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"wheels.{self.name}.axis"))
@@ -495,7 +500,7 @@ class DirectionSensor:
 
     def __post_init__(self) -> None:
         key = "sensors.direction"
-        known, what = self.unit in ("", "T"), f"{self.unit!r} is no unit of a direction"
+        known, what = is_one_of(self.unit, ("", "T")), f"{self.unit!r} is no unit of a direction"
         require_key(known, f"{key}.unit", what, 'give "T" for a field, else nothing')
         sigma = one_an_axis(self.sigma, 3, f"{key}.sigma", positive=True)
         alike = self.is_field or len(set(sigma)) == 1

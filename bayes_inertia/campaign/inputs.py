@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import numbers, require_key
+from bayes_inertia.campaign.hardware import is_one_of, numbers, require_key
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 
@@ -56,7 +56,7 @@ class InputStream:
         time = numbers(self.time, f"{key}.time", advice)
         values = numbers(self.values, f"{key}.values")
         values = values[:, None] if values.ndim == 1 else values
-        known, what = self.between in get_args(Between), f"{self.between!r} is unknown"
+        known, what = is_one_of(self.between, get_args(Between)), f"{self.between!r} is unknown"
         advice = f"choose one of {', '.join(get_args(Between))}"
         require_key(known, f"{key}.between", what, advice)
         fits = time.ndim == 1 and values.ndim == 2 and len(time) == len(values) > 0

@@ -105,7 +105,7 @@ class GaussianPrior:
             object.__setattr__(self, field, listed)
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
-            if value is not None:
+            if value is not None or field in ("mean", "covariance"):
                 object.__setattr__(self, field, numbers(value, f"{key}.{field}"))
         names = self.names
         k, advice = len(names), "give one number a name, and one covariance a pair"

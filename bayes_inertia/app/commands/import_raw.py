@@ -20,6 +20,7 @@ from bayes_inertia.app.terminal import (
     show_result,
 )
 from bayes_inertia.errors import SettingsError, require
+from bayes_inertia.maths.printed import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -79,7 +80,8 @@ def _start(raw: list[Path], start: Path, as_json: bool) -> None:
         print_json({"format": START_FORMAT, **content})
         return
     console = plain_console()
-    console.print(headed(str(start), f": {started.questions} questions to answer"), soft_wrap=True)
+    questions = counted(started.questions, "question")
+    console.print(headed(str(start), f": {questions} to answer"), soft_wrap=True)
     files = shlex.join(str(path) for path in raw) if len(raw) <= LAYOUT.files_named else "RAW..."
     console.print(f"then: bayes-inertia import {files} --using {start} -o CAMPAIGN", soft_wrap=True)
     if "rate" not in started.streams:
@@ -99,8 +101,8 @@ def show_import(imported: ImportedCampaign) -> None:
     from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
-    slews, place = len(imported.cut.windows), f": {imported.folder}"
-    console.print(headed(f"imported {slews} slews", place, style="bold green"), soft_wrap=True)
+    slews, place = counted(len(imported.cut.windows), "slew"), f": {imported.folder}"
+    console.print(headed(f"imported {slews}", place, style="bold green"), soft_wrap=True)
     console.print(f"times count from {zero_of_clock(imported.logs)}")
     _show_streams(imported)
     _show_slews(imported)
