@@ -77,13 +77,10 @@ def _compare(
     return PosteriorComparison(p.name, p.sd, sd, ratio, shift, skewness, kurtosis, warnings)
 
 
-def _unphysical_share(observability: Observability, draws: int = 20_000) -> float:
+def _unphysical_share(observability: Observability) -> float:
     """Part of the predicted Gaussian of J that no body can have."""
-    names = list(observability.names)
-    index = [names.index(e) for e in inertia_tensor.ELEMENTS]
+    index = [observability.names.index(e) for e in inertia_tensor.ELEMENTS]
     mean = np.array([observability.parameters[i].value for i in index])
-    rng = np.random.default_rng(0)
-    drawn = rng.multivariate_normal(
-        mean, observability.covariance[np.ix_(index, index)], draws, method="eigh"
-    )
+    covariance = observability.covariance[np.ix_(index, index)]
+    drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, 20_000, method="eigh")
     return float(1.0 - np.mean(inertia_tensor.is_physical(drawn)))

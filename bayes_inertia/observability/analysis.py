@@ -118,9 +118,8 @@ def observe(
 
 def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
     """Places of each group's unknowns in the joint vector; groups without any are left out."""
-    free, m = estimate.free, estimate.point.n_local
-    f, b, structure = len(free), len(estimate.point.bias), estimate.model.structure
-    n = estimate.model.n_base
+    free, structure, n = estimate.free, estimate.model.structure, estimate.model.n_base
+    f, b, m = len(free), len(estimate.point.bias), estimate.point.n_local
     n_start = 6 + (structure.wheels if structure.drive == "commanded" else 0)
     local = f + b + np.arange(estimate.point.local.size).reshape(-1, m)
     # What has no fixed shape acts through coefficients, the last of a slew's nuisances.
@@ -148,10 +147,10 @@ def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         weights[s, c] = 0.0
         return np.sqrt(np.diag(inverse(fit.normal_equations(weights)[0]))[:f])
 
-    every, unmeasured = slice(None), np.full(f, np.nan)
-    slews = [sd(s, every) for s in range(len(n_data))]
-    known = enumerate(n_data.any(axis=0))
-    return np.stack(slews), np.stack([sd(every, c) if any_ else unmeasured for c, any_ in known])
+    every, channels = slice(None), np.full((n_data.shape[1], f), np.nan)
+    for c in np.flatnonzero(n_data.any(axis=0)).tolist():
+        channels[c] = sd(every, c)
+    return np.stack([sd(s, every) for s in range(len(n_data))]), channels
 
 
 def _followers(estimate: Estimate) -> np.ndarray:
@@ -244,8 +243,7 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     typical = max(float(np.median(information)), 1.0)
     directions = []
     for k in np.argsort(-left):
-        told = float(information[k])
-        contraction = float(1.0 - left[k])
+        told, contraction = float(information[k]), float(1.0 - left[k])
         exact = told < LIMITS.exact_below * typical and contraction < LIMITS.prior_below
         weights = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
         directions.append(Direction(weights, told, contraction, exact, in_words(names, weights)))
@@ -288,11 +286,11 @@ def inflation_by_group(
     >>> inflation_by_group(H, groups, 1).round(4).tolist()
     [[1.0, 1.5625, 1.0]]
     """
-    n, logs = len(groups), {}
+    n, logs = len(groups), []
     for mask in range(2**n):
         members = [group for k, group in enumerate(groups) if mask >> k & 1]
-        uncertain = np.concatenate(members or [np.zeros(0, int)]).astype(int)
-        logs[mask] = _log_variances(precision, uncertain, count)
+        uncertain = np.concatenate([np.zeros(0, int), *members])
+        logs.append(_log_variances(precision, uncertain, count))
     log_factors = np.zeros((count, n))
     for k in range(n):
         for mask in (m for m in range(2**n) if not m >> k & 1):
@@ -313,7 +311,6 @@ def _log_variances(precision: np.ndarray, uncertain: np.ndarray, count: int) -> 
     outside = ~np.isin(np.arange(count), uncertain)
     taken = np.einsum("ki,kl,li->i", cross[:, outside], covariance, cross[:, outside])
     variance[outside] = 1.0 / (alone[outside] - taken)
-    for place, i in enumerate(uncertain):
-        if i < count:
-            variance[i] = covariance[place, place]
+    asked = uncertain < count
+    variance[uncertain[asked]] = np.diag(covariance)[asked]
     return np.log(variance)

@@ -69,10 +69,10 @@ def data_information(estimate: Estimate) -> np.ndarray:
     return inverse(estimate.covariance[np.ix_(free, free)]) - prior
 
 
-def in_words(names: Sequence[str], weights: np.ndarray, threshold: float = 0.3) -> str:
+def in_words(names: Sequence[str], weights: np.ndarray) -> str:
     """A direction as people say it: J's terms, then what goes with them.
 
-    `weights` (f,). `threshold`: terms below this part of the largest are left out.
+    `weights` (f,). Terms below three tenths of the largest are left out.
 
     Examples
     --------
@@ -82,11 +82,8 @@ def in_words(names: Sequence[str], weights: np.ndarray, threshold: float = 0.3) 
     'K1-K2'
     """
     weights = np.asarray(weights, float)
-    order = [
-        i
-        for i in np.argsort(-np.abs(weights), kind="stable")
-        if abs(weights[i]) >= threshold * np.abs(weights).max()
-    ]
+    size = np.abs(weights)
+    order = [i for i in np.argsort(-size, kind="stable") if size[i] >= 0.3 * size.max()]
     main = (
         [i for i in order if names[i] in inertia_tensor.ELEMENTS]
         or [i for i in order if _is_scale_factor(names[i])]
@@ -140,14 +137,12 @@ def _is_scale_factor(name: str) -> bool:
 
 
 def _free_names(estimate: Estimate) -> list[str]:
-    names = estimate.model.space.names
-    return [names[i] for i in estimate.free]
+    return [estimate.model.space.names[i] for i in estimate.free]
 
 
 def _places(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
     """Places of the parameters of these names among the free ones."""
-    free_names = _free_names(estimate)
-    return np.array([k for k, name in enumerate(free_names) if name in names], dtype=int)
+    return np.flatnonzero(np.isin(_free_names(estimate), names))
 
 
 def _scale_direction(estimate: Estimate) -> np.ndarray:
@@ -157,9 +152,8 @@ def _scale_direction(estimate: Estimate) -> np.ndarray:
         campaign = estimate.model.campaign
         J = J - campaign.wheel_axes_B @ np.diag(campaign.spin_inertias) @ campaign.wheel_axes_B.T
     direction = np.zeros(len(estimate.free))
-    elements = inertia_tensor.elements(J)
-    fitted = elements[estimate.free[estimate.free < 6]]
-    direction[_places(estimate, inertia_tensor.ELEMENTS)] = fitted
+    fitted = estimate.free < 6
+    direction[fitted] = inertia_tensor.elements(J)[estimate.free[fitted]]
     return direction
 
 
@@ -177,9 +171,8 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     if len(gains) < len(model.campaign.wheels) or model.structure.drive == "measured":
         says += _SAYS["gain_taken"]
         return Degeneracy("common wheel gain", True, False, inertia_tensor.ELEMENTS, None, says)
-    J_part = _scale_direction(estimate)
+    J_part, places = _scale_direction(estimate), _places(estimate, gains)
     direction = J_part.copy()
-    places = _places(estimate, gains)
     direction[places] = estimate.theta[estimate.free[places]]
     ratio = _ratio(estimate, direction, J_part)
     exact = ratio < LIMITS.exact_below
@@ -193,17 +186,14 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
 def _size_of_J(estimate: Estimate, ties: Sequence[Mapping[str, Any]]) -> Degeneracy:
     """What ties the size of J, beside wheels or without them; nothing turns a free body."""
     if ties:
-        known = [
-            f"known to {100 * x['relative_sd']:.2g} %" if x["relative_sd"] else "" for x in ties
-        ]
-        said = " and the ".join(
-            f"{tie['by']} of {tie['device']}, {sd or 'taken as exact'}"
-            for tie, sd in zip(ties, known, strict=True)
-        )
+        sds = [tie["relative_sd"] for tie in ties]
+        known = [f"known to {100 * sd:.2g} %" if sd else "taken as exact" for sd in sds]
+        pairs = zip(ties, known, strict=True)
+        said = " and the ".join(f"{tie['by']} of {tie['device']}, {how}" for tie, how in pairs)
         says = _SAYS["size_tied"].format(ties=said)
         concerned = (*inertia_tensor.ELEMENTS, *(f"{tie['device']}.gain" for tie in ties))
         concerned = tuple(name for name in _free_names(estimate) if name in concerned)
-        return Degeneracy("size of J", False, any(known), concerned, None, says)
+        return Degeneracy("size of J", False, any(sds), concerned, None, says)
     part, information = _scale_direction(estimate), data_information(estimate)
     typical = float(np.trace(information[:6, :6]) * (part @ part) / 6.0)
     ratio = float(max(part @ information @ part, 0.0) / typical) if typical > 0 else 0.0
@@ -212,10 +202,8 @@ def _size_of_J(estimate: Estimate, ties: Sequence[Mapping[str, Any]]) -> Degener
 
 
 def _resting_wheels(estimate: Estimate) -> list[Degeneracy]:
-    resting = []
-    for k, wheel in enumerate(estimate.model.campaign.wheels):
-        if not _rests(estimate.model.campaign, k):
-            continue
+    campaign, resting = estimate.model.campaign, []
+    for wheel in (wheel for k, wheel in enumerate(campaign.wheels) if _rests(campaign, k)):
         fitted = tuple(n for n in _free_names(estimate) if n.endswith(f"_{wheel.name}"))
         says = _SAYS["resting_wheel"].format(wheel=wheel.name)
         resting.append(Degeneracy("wheel at rest", True, True, fitted, None, says))
@@ -265,18 +253,15 @@ def _hidden_by_rest_about(estimate: Estimate, axes_B: np.ndarray) -> tuple[str, 
         for i, axis_B in enumerate(sensor.axes if sensor else (), start=1)
         if np.linalg.norm(project @ axis_B) > 0.9
     ]
-    fitted = set(_free_names(estimate))
-    return tuple(name for name in names if name in fitted)
+    return tuple(name for name in names if name in _free_names(estimate))
 
 
 def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
     tell = [channel.tells_angle for channel in estimate.model.channels]
     if estimate.information.n_data[:, tell].any():
         return []
-    ratio = _left_with_free_inertia(estimate)
-    says = _SAYS["no_attitude"].format(ratio=ratio)
-    space = estimate.model.space
-    concerned = space.names[: space.n_base]
+    ratio, space = _left_with_free_inertia(estimate), estimate.model.space
+    says, concerned = _SAYS["no_attitude"].format(ratio=ratio), space.names[: space.n_base]
     return [Degeneracy("no attitude", ratio < LIMITS.exact_below, True, concerned, ratio, says)]
 
 

@@ -59,9 +59,7 @@ def _parameter(
         "sd_without_channel": dict(zip(observability.channels, p.sd_without_channel, strict=True)),
         "partners": [{"with": name, "correlation": r} for name, r in p.partners],
         "commands_worth": commands_worth(p, observability.drive),
-        "middle_half": None
-        if middle is None
-        else dict(zip(("slew", "t_start", "t_end"), middle, strict=True)),
+        "middle_half": middle and dict(zip(("slew", "t_start", "t_end"), middle, strict=True)),
         "arrival": {
             slew: dict(zip(observability.channels, (rows[..., i] * p.sd**2).T, strict=True))
             for slew, (_, rows) in windows.items()

@@ -225,15 +225,10 @@ class Observability:
         """
         from pandas import DataFrame
 
-        rows = {
-            p.name: {
-                field.name: getattr(p, field.name)
-                for field in fields(p)
-                if field.type in ("str", "float", "float | None") and field.name != "name"
-            }
-            | {"verdict": p.verdict}
-            for p in self.parameters
-        }
+        one_number = ("str", "float", "float | None")
+        keys = [x.name for x in fields(ParameterObservability) if x.type in one_number]
+        keys = [*keys[1:], "verdict"]  # Names are the index.
+        rows = {p.name: {key: getattr(p, key) for key in keys} for p in self.parameters}
         return DataFrame.from_dict(rows, orient="index")
 
     def middle_half(self, name: str) -> tuple[str, float, float] | None:

@@ -10,11 +10,7 @@ import numpy as np
 from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.observability.limits import LIMITS
-from bayes_inertia.observability.result import (
-    Observability,
-    ParameterObservability,
-    commands_worth,
-)
+from bayes_inertia.observability.result import Observability, ParameterObservability, commands_worth
 
 _SAYS = vocabulary("observability")["sentences"]
 VERDICTS = {
@@ -70,13 +66,11 @@ def sentence(observability: Observability, name: str) -> str:
     if p.name in ELEMENTS and is_size_untied(observability):
         verdict = _SAYS["ratio"]
     parts = [f"{name} {verdict} (signal {_factor(p.signal)} sigma)", _lost(p)]
-    middle = observability.middle_half(name)
     if p.tells_most is None:
         parts.append(_SAYS["no_slew"])
-    elif middle and p.verdict != "prior":
-        _, begin, end = middle
+    elif p.verdict != "prior" and (middle := observability.middle_half(name)):
         source = _source(p, observability, p.tells_most)
-        parts.append(_SAYS["half"].format(source=source, begin=begin, end=end))
+        parts.append(_SAYS["half"].format(source=source, begin=middle[1], end=middle[2]))
     worth = commands_worth(p, observability.drive)
     if worth is not None and worth > LIMITS.mentioned_sd_ratio:
         parts.append(_SAYS["without_commands"].format(times=_factor(worth)))
@@ -88,11 +82,9 @@ def _lost(p: ParameterObservability) -> str:
     if p.variance_inflation < LIMITS.lost_variance_inflation:
         return _SAYS["nothing_lost"]
     logs = {group: math.log(max(factor, 1.0)) for group, factor in p.inflation.items()}
-    worst = [
-        group
-        for group in sorted(logs, key=lambda group: -logs[group])
-        if logs[group] > 0.15 * sum(logs.values()) and p.inflation[group] > 1.1
-    ]
+    least = 0.15 * sum(logs.values())
+    large = [group for group in logs if logs[group] > least and p.inflation[group] > 1.1]
+    worst = sorted(large, key=lambda group: -logs[group])
     named = ", ".join(
         f"{_group_without(p.name, group)} (× {_factor(math.sqrt(p.inflation[group]))})"
         for group in worst[: LIMITS.most_groups]
