@@ -8,7 +8,7 @@ themselves are few: a short ensemble explores their evidence, which costs no sim
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -62,6 +62,7 @@ class SizeProposal:
         )
 
 
+@dataclass(eq=False)
 class EvidenceMove(MHMove):
     """Propose every walker anew: sizes by their evidence, then the rest given these sizes.
 
@@ -79,22 +80,16 @@ class EvidenceMove(MHMove):
         Of freedom of the proposals given sizes; fewer have heavier tails.
     """
 
-    def __init__(self, evidence: Evidence, sizes: SizeProposal, degrees: float = 20.0):
-        self.evidence, self.sizes, self.degrees = evidence, sizes, float(degrees)
-        super().__init__(self._propose, ndim=len(evidence.point.theta))
+    evidence: Evidence
+    sizes: SizeProposal
+    degrees: float = 20.0
 
-    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
-        """Log density of the linearised model, up to a constant.
+    def __post_init__(self) -> None:
+        super().__init__(self._propose, ndim=len(self.evidence.point.theta))
 
-        `x` (n, d). `degrees`: of freedom, given sizes; those of this move where none are given.
-        Returns (n,).
-        """
-        given = self.evidence.given(self.evidence.standardised(x))
-        return self._log_density(x, given, self.degrees if degrees is None else degrees)
-
-    def with_degrees(self, degrees: float) -> EvidenceMove:
-        """The same sizes and the same normal distribution given them, with other tails."""
-        return EvidenceMove(self.evidence, self.sizes, degrees)
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log density (n,) of the linearised model at x (n, d), up to a constant."""
+        return self._log_density(x, self.evidence.given(self.evidence.standardised(x)))
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the linearised model.
@@ -138,14 +133,13 @@ class EvidenceMove(MHMove):
         z = random.standard_normal(given.mean.shape)
         z = stretch * z * np.sqrt(self.degrees / random.chisquare(self.degrees, size=(len(z), 1)))
         off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
-        theta = self.evidence.theta(standardised)
-        frozen = self.evidence.frozen
+        theta, frozen = self.evidence.theta(standardised), self.evidence.frozen
         theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
         return theta
 
-    def _log_density(self, x: np.ndarray, given: GivenSizes, degrees: float) -> np.ndarray:
+    def _log_density(self, x: np.ndarray, given: GivenSizes) -> np.ndarray:
         """Of the sizes, by their evidence, and of the rest given them."""
-        frozen = self.evidence.frozen
+        frozen, degrees = self.evidence.frozen, self.degrees
         off = (x[:, np.asarray(frozen.free)] - given.mean) / np.asarray(frozen.scale)
         z2 = np.sum(np.einsum("nji,nj->ni", given.root, off) ** 2, 1)
         log_det = np.sum(np.log(np.diagonal(given.root, axis1=1, axis2=2)), 1)
@@ -161,10 +155,7 @@ class EvidenceMove(MHMove):
         before = self.evidence.given(standardised)
         standardised, given = self._moved(standardised, before, random, LIMITS.steps_of_proposal)
         proposed = self._drawn(standardised, given, random)
-        factors = self._log_density(coords, before, self.degrees) - self._log_density(
-            proposed, given, self.degrees
-        )
-        return proposed, factors
+        return proposed, self._log_density(coords, before) - self._log_density(proposed, given)
 
 
 def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
@@ -233,6 +224,7 @@ def importance_weights(log_ratios: np.ndarray) -> np.ndarray:
         return special.softmax(np.minimum(known, most))
 
 
+@dataclass(eq=False)
 class IndependenceMove(MHMove):
     """Propose every walker anew from a multivariate t distribution (an independence sampler).
 
@@ -258,37 +250,25 @@ class IndependenceMove(MHMove):
     [-0.0]
     """
 
-    def __init__(
-        self,
-        mean: np.ndarray,
-        covariance: np.ndarray,
-        degrees: float = 20.0,
-        logarithmic: np.ndarray | None = None,
-    ):
-        mean = np.asarray(mean, float)
-        self._shape = (mean, np.asarray(covariance, float))
-        self.logarithmic = (
-            np.zeros(len(mean), bool) if logarithmic is None else np.asarray(logarithmic, bool)
-        )
-        self.mean, self.degrees = self._unfolded(mean), float(degrees)
-        slope = np.where(self.logarithmic, 1.0 / np.where(self.logarithmic, mean, 1.0), 1.0)
-        self.root = cholesky_factor(covariance * np.outer(slope, slope))
-        super().__init__(self._propose, ndim=len(self.mean))
+    mean: np.ndarray
+    covariance: np.ndarray
+    degrees: float = 20.0
+    logarithmic: np.ndarray | None = None
 
-    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
-        """Log density of proposals, up to a constant.
+    def __post_init__(self) -> None:
+        d = len(self.mean)
+        self._positive = np.zeros(d, bool) if self.logarithmic is None else self.logarithmic
+        self._centre = self._unfolded(self.mean)
+        slope = np.where(self._positive, 1.0 / np.where(self._positive, self.mean, 1.0), 1.0)
+        self._root = cholesky_factor(self.covariance * np.outer(slope, slope))
+        super().__init__(self._propose, ndim=d)
 
-        `x` (n, d). `degrees`: of freedom; those of this move where none are given. Returns (n,).
-        """
-        degrees = self.degrees if degrees is None else degrees
-        y = self._unfolded(x)
-        z = linalg.solve_triangular(self.root, (y - self.mean).T, lower=True)
-        of_logarithms = -0.5 * (degrees + len(self.mean)) * np.log1p(np.sum(z**2, axis=0) / degrees)
-        return of_logarithms - np.sum(y[:, self.logarithmic], axis=1)
-
-    def with_degrees(self, degrees: float) -> IndependenceMove:
-        """The same centre and scale, with lighter or heavier tails."""
-        return IndependenceMove(*self._shape, degrees, self.logarithmic)
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log density (n,) of proposals x (n, d), up to a constant."""
+        y, degrees = self._unfolded(x), self.degrees
+        z = linalg.solve_triangular(self._root, (y - self._centre).T, lower=True)
+        of_logarithms = -0.5 * (degrees + y.shape[1]) * np.log1p(np.sum(z**2, axis=0) / degrees)
+        return of_logarithms - np.sum(y[:, self._positive], axis=1)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the t distribution.
@@ -298,14 +278,14 @@ class IndependenceMove(MHMove):
         """
         z = random.standard_normal((n, len(self.mean)))
         radius = np.sqrt(self.degrees / random.chisquare(self.degrees, size=(n, 1)))
-        y = self.mean + stretch * (z * radius) @ self.root.T
-        y[:, self.logarithmic] = np.exp(y[:, self.logarithmic])
+        y = self._centre + stretch * (z * radius) @ self._root.T
+        y[:, self._positive] = np.exp(y[:, self._positive])
         return y
 
     def _unfolded(self, x: np.ndarray) -> np.ndarray:
         """Points with positive parameters on their logarithm."""
         y = np.array(x, float)
-        y[..., self.logarithmic] = np.log(y[..., self.logarithmic])
+        y[..., self._positive] = np.log(y[..., self._positive])
         return y
 
     def _propose(
@@ -363,12 +343,12 @@ def _with_best_tails(
     `draws` (n, d) are the move's own, with the log density (n,) that is to be sampled.
     """
     own = move.log_density(draws)
-    acceptances = {
-        degrees: _expected_acceptance(log_density - own, move.log_density(draws, degrees) - own)
-        for degrees in LIMITS.tails
-    }
-    best = max(acceptances, key=lambda degrees: acceptances[degrees])
-    return move.with_degrees(best), acceptances[best]
+    moves = [replace(move, degrees=degrees) for degrees in LIMITS.tails]
+    acceptances = [
+        _expected_acceptance(log_density - own, each.log_density(draws) - own) for each in moves
+    ]
+    best = int(np.argmax(acceptances))
+    return moves[best], acceptances[best]
 
 
 def _expected_acceptance(log_weights: np.ndarray, log_ratios: np.ndarray) -> float:

@@ -39,7 +39,7 @@ def test_tails_are_chosen_by_the_density_and_the_acceptance_is_foretold(small_at
     error = np.std(accepted, ddof=1) / np.sqrt(WALKERS) + 0.5 / np.sqrt(spent)
     assert share == pytest.approx(np.clip(np.mean(accepted), 0.5, 0.95), abs=3.0 * error)
     # Tails of the other kind, the negative control, are accepted less often.
-    other = move.with_degrees({200.0: 8.0, 8.0: 200.0}[degrees])
+    other = replace(move, degrees={200.0: 8.0, 8.0: 200.0}[degrees])
     assert np.mean(_acceptance(other, log_density, random)) < np.mean(accepted) - 3.0 * error
 
 
