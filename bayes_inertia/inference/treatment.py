@@ -62,34 +62,29 @@ class DirtTreatment:
     @property
     def dirt(self) -> tuple[Dirt, ...]:
         """The treatment as a record."""
-        noise = [
-            Dirt(
-                "quantised" if channel in self.rounded else "noise_level",
-                channel,
-                "",
-                (),
-                "modelled",
-                f"the noise of the {_SENSORS.get(channel, channel)} is {factor:.2f} times what is "
-                f"stated{self._why_louder(channel)}",
-            )
-            for channel, factor in self.louder.items()
-        ]
         coloured = [
-            Dirt(self._kind_of(channel), channel, "", (), "modelled", _in_words(channel, colour))
+            self._modelled("coloured", channel, _in_words(colour))
             for channel, colour in self.colour.items()
         ]
-        return (*self.masked, *coloured, *noise)
+        louder = [
+            self._modelled("noise_level", channel, self._level_in_words(channel))
+            for channel in self.louder
+        ]
+        return (*self.masked, *coloured, *louder)
 
-    def _why_louder(self, channel: str) -> str:
-        """What a channel's level holds beside white noise."""
+    def _modelled(self, kind: DirtKind, channel: str, says: str) -> Dirt:
+        """The record of a channel's noise, which is of this kind unless it comes from rounding."""
+        kind = "quantised" if channel in self.rounded else kind
+        note = f"the noise of the {_SENSORS.get(channel, channel)} is {says}"
+        return Dirt(kind, channel, "", (), "modelled", note)
+
+    def _level_in_words(self, channel: str) -> str:
+        """A channel's level, and what it holds beside white noise."""
+        says = f"{self.level[channel]:.2f} times what is stated"
         if channel in self.rounded:
-            return ", with the rounding of its readings"
+            return f"{says}, with the rounding of its readings"
         heavy = channel in self.by_residuals
-        return ", with its heavy tails or what is louder at times" if heavy else ""
-
-    def _kind_of(self, channel: str) -> DirtKind:
-        """What makes a channel's noise correlated."""
-        return "quantised" if channel in self.rounded else "coloured"
+        return f"{says}, with its heavy tails or what is louder at times" if heavy else says
 
     def json(self) -> dict[str, Any]:
         """The treatment as plain numbers.
@@ -144,15 +139,12 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     if treatment.is_nothing:
         return campaign
     slews = tuple(_masked(campaign, slew, treatment.masked) for slew in campaign.slews)
-    dirt = records_of_dirt(campaign, treatment)
-    campaign = replace(campaign, slews=slews, dirt=dirt)
+    campaign = replace(campaign, slews=slews, dirt=records_of_dirt(campaign, treatment))
     for channel, colour in treatment.colour.items():
         stream = stream_named(channel, campaign)
         sensor = _with_colour(stream.hardware(campaign), colour)
         campaign = stream.with_hardware(campaign, sensor)
-    if treatment.louder:
-        campaign = with_measured_noise(campaign, treatment.level, drive)
-    return campaign
+    return with_measured_noise(campaign, treatment.level, drive) if treatment.louder else campaign
 
 
 def _masked(campaign: Campaign, slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
@@ -171,13 +163,12 @@ def _with_colour(sensor: RateSensor, colour: Colour) -> RateSensor:
     return replace(sensor, sigma=sigma, correlated_noise=CorrelatedNoise(shares, colour.times))
 
 
-def _in_words(channel: str, colour: Colour) -> str:
+def _in_words(colour: Colour) -> str:
     axes = colour.axes
     share, sd = (max(getattr(axis, key) for axis in axes) for key in ("share", "sd"))
     longest = max(t for t, axis in zip(colour.times, axes, strict=True) if axis.share == share)
     return (
-        f"the noise of the {_SENSORS.get(channel, channel)} is correlated in time: "
-        f"{100.0 * share:.0f} % of its variance over {longest:.2g} s; "
+        f"correlated in time: {100.0 * share:.0f} % of its variance over {longest:.2g} s; "
         f"its sd is {sd:.2f} times what is stated"
     )
 
