@@ -139,19 +139,15 @@ class Chains:
     log_posterior: np.ndarray
     diagnostics: Diagnostics
 
-    @property
-    def flat(self) -> np.ndarray:
-        """All draws (n, d)."""
-        return self.samples.reshape(-1, self.samples.shape[-1])
 
-
-def batch_size(rows: int) -> int:
+def _batch_size(rows: int, most: int) -> int:
     """Draws evaluated at once: few enough that their trajectories stay in the processor's cache.
 
-    `rows`: of one draw's trajectories. Returns: A power of two from 8 to 32; emcee's half-ensemble
-    moves ask for 32 at a time.
+    `rows`: of one draw's trajectories. Returns: A power of two from 8 to 32, or `most`; emcee's
+    half-ensemble moves ask for 32 at a time.
     """
-    return int(np.clip(2 ** int(np.log2(max(1.0, LIMITS.cached_rows / rows))), 8, 32))
+    cached = 2 ** int(np.log2(max(1.0, LIMITS.cached_rows / rows)))
+    return min(most, int(np.clip(cached, 8, 32)))
 
 
 def sample(
@@ -193,13 +189,12 @@ def sample(
 
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
-    if not estimate.model.noise.is_stated:
-        rows = estimate.model.data.arrays.telemetry.sample.size
-        return log_density_with_densities(estimate, batch=min(most, batch_size(rows)))
-    few = marginal(estimate)
-    telemetry = few.data.pieces[0].arrays.telemetry
-    structure = estimate.model.structure
-    return log_density_of(structure, few, batch=min(most, batch_size(telemetry.sample.shape[1])))
+    model = estimate.model
+    if not model.noise.is_stated:
+        rows = model.data.arrays.telemetry.sample.size
+        return log_density_with_densities(estimate, batch=_batch_size(rows, most))
+    rows = model.data.pieces[0].arrays.telemetry.sample.shape[1]
+    return log_density_of(model.structure, marginal(estimate), batch=_batch_size(rows, most))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
@@ -248,7 +243,7 @@ def _ensemble(
     sampler = emcee.EnsembleSampler(
         walkers, d, log_density, vectorize=True, moves=moves, backend=backend
     )
-    if file is not None and backend.iteration > 0:
+    if backend.iteration > 0:
         # With its random state: goes on bit for bit.
         sampler._previous_state = sampler.get_last_sample()
         return sampler
@@ -307,10 +302,7 @@ def _is_saved_after(steps: int) -> bool:
 
 
 def _collect(
-    samplers: list[emcee.EnsembleSampler],
-    steps: int,
-    spent: int,
-    seconds: float,
+    samplers: list[emcee.EnsembleSampler], steps: int, spent: int, seconds: float
 ) -> Chains:
     """What the ensembles hold after `steps` steps, without warm-up."""
     # Of a run that was killed some ensembles may have more: what is decided here must not depend
@@ -321,15 +313,13 @@ def _collect(
     tau = max(autocorrelation_time(c[warm_up:]) for c in chain)
     discard = min(max(LIMITS.least_warm_up_steps, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
-    evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
-    # Not emcee's own count, which holds the further steps too.
-    acceptance = float(np.mean(np.any(chain[:, 1:] != chain[:, :-1], axis=-1)))
     diagnostics = diagnose_chains(
         kept,
         tau=tau,
-        evaluations=evaluations,
+        evaluations=spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1)),
         seconds=seconds,
-        acceptance=acceptance,
+        # Not emcee's own count, which holds the further steps too.
+        acceptance=float(np.mean(np.any(chain[:, 1:] != chain[:, :-1], axis=-1))),
         discarded=discard,
     )
     return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), diagnostics)

@@ -49,7 +49,7 @@ def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying
     at = estimate(model)
     chains = sample(at, Settings(steps=144, max_steps=144))
     assert chains.diagnostics.converged
-    assert np.all(np.asarray(inertia_tensor.is_physical(chains.flat[:, :6])))
+    assert np.all(np.asarray(inertia_tensor.is_physical(chains.samples[..., :6])))
     draws, prior = _independent(chains, 1000, 1), model.draw_prior(rng, 20_000)
     assert _p_values(draws, prior).min() > 1e-3 / D
     # The smallest distance from the triangle inequality's edge, as the prior has it.
@@ -75,7 +75,7 @@ def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
     assert contraction[0] > 0.99
     chains = sample(at, Settings())
     assert chains.diagnostics.converged
-    assert np.all(np.asarray(inertia_tensor.is_physical(chains.flat[:, :6])))
+    assert np.all(np.asarray(inertia_tensor.is_physical(chains.samples[..., :6])))
     draws, prior = (
         _independent(chains, 700, 2),
         at.model.draw_prior(np.random.default_rng(1), 20_000),
