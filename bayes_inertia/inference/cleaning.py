@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy import ndimage, stats
+from scipy import integrate, ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import body_rates
@@ -78,10 +78,9 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
     before = series - _median_before(series)
     after = series - _median_before(series[::-1])[::-1]
     distance = lesser_distance(before, after)
-    for i in np.flatnonzero(np.isnan(before)):
-        distance[i] = _distance_at_end(series[i:])
-    for i in np.flatnonzero(np.isnan(after)):
-        distance[i] = _distance_at_end(series[i::-1])
+    for side, step in ((before, 1), (after, -1)):
+        for i in np.flatnonzero(np.isnan(side)):
+            distance[i] = _distance_at_end(series[i::step])
     return distance
 
 
@@ -152,9 +151,9 @@ def outlying_readings(
             for slew, k in zip(slews, rows, strict=True)
         ]
         overall = _scale(np.concatenate(distances))
+        least = LIMITS.steps_beyond * steps[component] if steps is not None else 0.0
         for flag, k, distance in zip(flags, rows, distances, strict=True):
             scale = np.maximum(overall, _scale_around(distance))
-            least = LIMITS.steps_beyond * steps[component] if steps is not None else 0.0
             flag[k, component] = np.abs(distance) > np.maximum(limit * scale, least)
     share = sum(int(flag.sum()) for flag in flags) / max(n, 1)
     return [flag & (share <= LIMITS.most_outliers) for flag in flags]
@@ -188,10 +187,8 @@ def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list
     `flags` (rows, components). Returns (rows, components).
     """
     near = [_near_switch(slew, len(flag)) for slew, flag in zip(slews, flags, strict=True)]
-    share = sum(int(rows.sum()) for rows in near) / max(1, sum(map(len, near)))
-    hit = [flag.any(axis=1) for flag in flags]
-    there = sum(int((rows & flag).sum()) for rows, flag in zip(near, hit, strict=True))
-    total = sum(int(flag.sum()) for flag in hit)
+    every, hit = np.concatenate(near), np.concatenate([flag.any(axis=1) for flag in flags])
+    there, total, share = int((every & hit).sum()), int(hit.sum()), every.sum() / max(1, len(every))
     if not total or stats.binom.sf(there - 1, total, share) > LIMITS.reject_below:
         return flags
     return [flag & ~rows[:, None] for flag, rows in zip(flags, near, strict=True)]
@@ -281,15 +278,14 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     """
     if not treatment.masked:
         return _masks((), _outliers_in(estimate))
-    drive = estimate.model.structure.drive
-    whole = treated(stated, replace(treatment, masked=()), drive)
-    model = replace(estimate.model, campaign=whole)
+    model, unmasked = estimate.model, replace(treatment, masked=())
+    model = replace(model, campaign=treated(stated, unmasked, model.structure.drive))
     references = (x.data.arrays.reference for x in (model, estimate.model))
     if not all(np.array_equal(a, b) for a, b in zip(*references, strict=True)):
         # Nuisances are counted from readings that are masked.
         return _masks(treatment.masked, _outliers_in(estimate))
-    unmasked = replace(estimate, model=model, stated=whitening(model, estimate.theta))
-    return _masks((), _outliers_in(unmasked))
+    estimate = replace(estimate, model=model, stated=whitening(model, estimate.theta))
+    return _masks((), _outliers_in(estimate))
 
 
 def _masks(old: tuple[Dirt, ...], new: Mapping[tuple[str, str], np.ndarray]) -> tuple[Dirt, ...]:
@@ -322,11 +318,10 @@ def _outliers_in(estimate: Estimate) -> dict[tuple[str, str], np.ndarray]:
             flags = outlying_readings(series[name], steps[name].tolist())
             flags = away_from_switches(slews, flags)
             hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
-    noise = model.noise
     return {
         (channel, slew.name): rows
         for channel, of_slews in hit.items()
-        if not noise.of(channel).heavy
+        if not model.noise.of(channel).heavy
         for slew, rows in zip(slews, of_slews, strict=True)
         if len(rows)
     }
@@ -381,15 +376,14 @@ def rounded_channels(estimate: Estimate) -> dict[str, float]:
 
 def _with_rounding(fit: CleanFit) -> DirtTreatment:
     """The treatment with the noise that rounding adds."""
-    tests, level = fit.estimate.tests, dict(fit.treatment.level)
-    noise = fit.estimate.model.noise
+    tests, noise = fit.estimate.tests, fit.estimate.model.noise
     rounded = {
         channel: factor
         for channel, factor in rounded_channels(fit.estimate).items()
         if tests[channel].too_large and noise.of(channel).is_stated
     }
     colour = colours_of_rounding(fit.estimate, rounded)
-    level.update(rounded | dict.fromkeys(colour, 1.0))
+    level = {**fit.treatment.level, **rounded, **dict.fromkeys(colour, 1.0)}
     return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)), colour=colour)
 
 
@@ -430,9 +424,8 @@ def colours_seen(estimate: Estimate, *, slow: bool = False) -> dict[str, Colour]
     white, or where what they are is not alike everywhere.
     """
     tests = estimate.tests
-    p_white = {c.name: tests[c.name].p_white for c in estimate.model.channels if c.name in tests}
-    other = (c for c, p in p_white.items() if p is not None and p < LIMITS.reject_below)
-    return _colours(estimate, other, slow=slow)
+    names = (c.name for c in estimate.model.channels)
+    return _colours(estimate, (c for c in names if tests[c].is_structured), slow=slow)
 
 
 def _with_level(fit: CleanFit) -> DirtTreatment:
@@ -441,12 +434,12 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
     series, slews = estimate.residual_series, estimate.model.campaign.slews
     level, steps = dict(fit.treatment.level), rounding_steps(estimate.model.campaign)
     for channel, factor in noise_factors(estimate).items():
-        if not estimate.model.noise.of(channel).is_stated:
+        # Of coarsely rounded readings fast differences do not tell the level.
+        untold = channel in fit.treatment.rounded and has_one_error(steps[channel])
+        if untold or factor <= 1.0 or not estimate.model.noise.of(channel).is_stated:
             continue
-        if channel in fit.treatment.rounded and has_one_error(steps[channel]):
-            continue  # Fast differences do not tell its level.
         in_bursts = not stream_named(channel, estimate.model.campaign).is_series
-        if factor > 1.0 and (in_bursts or is_alike_everywhere(slews, series[channel])):
+        if in_bursts or is_alike_everywhere(slews, series[channel]):
             level[channel] = level.get(channel, 1.0) * factor
     return replace(fit.treatment, level=level)
 
@@ -551,18 +544,15 @@ def _turn_seen(
     given = np.isfinite(residuals)
     if not len(rows) or not given.any(axis=0).all():
         return np.zeros((len(rows), 3))
-    gap = gap_of(estimate, slew, residuals, "rate")
+    gap, over = gap_of(estimate, slew, residuals, "rate"), LIMITS.smoothed_over
     smooth = [
-        np.interp(
-            time, time[k], ndimage.median_filter(axis[k], LIMITS.smoothed_over, mode="nearest")
-        )
+        np.interp(time, time[k], ndimage.median_filter(axis[k], over, mode="nearest"))
         for axis, k in zip(gap.T, given.T, strict=True)
     ]
     unbiased = replace(campaign.gyro, bias=(0.0,))
     K = estimate.theta[6 : estimate.model.n_base]
     rate_B = body_rates(unbiased, np.stack(smooth, axis=-1), K)
-    mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
+    return integrate.cumulative_trapezoid(rate_B, time, axis=0, initial=0.0)[rows]
 
 
 def with_modelled_outliers(estimate: Estimate) -> Estimate:

@@ -174,10 +174,8 @@ def at_rest(slew: Slew) -> np.ndarray:
     speed = np.interp(slew.time, slew.time[rows], np.linalg.norm(rates, axis=1))
     rests = speed < LIMITS.rests_below * float(np.quantile(speed, 0.95))
     width = 2 * (LIMITS.fewest_readings // 4) + 1
-    counts = np.convolve(
-        np.pad(rests.astype(float), width // 2, mode="edge"), np.ones(width), "valid"
-    )
-    return counts > 0.5 * width
+    padded = np.pad(rests.astype(float), width // 2, mode="edge")
+    return np.convolve(padded, np.ones(width), "valid") > 0.5 * width
 
 
 def gauss_markov_noise(series: Sequence[np.ndarray], *, slow: bool = False) -> ColourOfAxis:
@@ -193,8 +191,8 @@ def gauss_markov_noise(series: Sequence[np.ndarray], *, slow: bool = False) -> C
     >>> bool(noise.lead > 100.0), round(noise.correlation, 1), round(noise.sd, 1)
     (True, 0.6, 1.0)
     """
-    angle, power = _fast_components(series, LIMITS.longest_slow if slow else LIMITS.longest_fast)
-    return _best_noise(angle, power, LIMITS.colour_starts)
+    longest = LIMITS.longest_slow if slow else LIMITS.longest_fast
+    return _best_noise(*_fast_components(series, longest), LIMITS.colour_starts)
 
 
 def _fast_components(
@@ -253,34 +251,34 @@ def _best_noise(
     )
 
 
-def _grouped(stretches: Sequence[Stretch], key: str) -> list[list[np.ndarray]]:
-    """The readings of stretches that are alike in one field."""
+def _groups(stretches: Sequence[Stretch], key: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Fast components of stretches that are alike in one field; none where one group has any."""
     groups: dict[object, list[np.ndarray]] = {}
     for stretch in stretches:
         groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
-    return list(groups.values())
+    parts = [_fast_components(readings) for readings in groups.values()]
+    parts = [part for part in parts if len(part[0]) >= LIMITS.fewest_components]
+    return parts if len(parts) > 1 else []
 
 
 def _gain_apart(
     stretches: Sequence[Stretch], key: str, together: ColourOfAxis
 ) -> tuple[float, int]:
     """Log likelihood that a noise for each group gains on one for all, and parameters more."""
-    parts = [_fast_components(readings) for readings in _grouped(stretches, key)]
-    parts = [part for part in parts if len(part[0]) >= LIMITS.fewest_components]
-    if len(parts) < 2:
+    parts = _groups(stretches, key)
+    if not parts:
         return 0.0, 0
     share = np.clip(together.share, 1e-3, 1.0 - 1e-5)
     correlation = np.clip(together.correlation / LIMITS.most_correlation, 1e-3, 1.0 - 1e-3)
     start = (float(np.log(share / (1 - share))), float(np.log(correlation / (1 - correlation))))
 
-    def log_likelihood(part: tuple[np.ndarray, np.ndarray]) -> float:
-        fitted = _best_noise(*part, (start,))
-        mean = float(part[1].mean())
-        return fitted.lead - 0.5 * len(part[1]) * (np.log(mean) + 1.0)
+    def log_likelihood(angle: np.ndarray, power: np.ndarray) -> float:
+        lead = _best_noise(angle, power, (start,)).lead
+        return lead - 0.5 * len(power) * (np.log(float(power.mean())) + 1.0)
 
-    apart = sum(log_likelihood(part) for part in parts)
-    angle, power = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return apart - log_likelihood((angle, power)), 3 * (len(parts) - 1)
+    apart = sum(log_likelihood(*part) for part in parts)
+    every = map(np.concatenate, zip(*parts, strict=True))
+    return apart - log_likelihood(*every), 3 * (len(parts) - 1)
 
 
 def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> bool:
@@ -293,16 +291,14 @@ def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) 
     for component in range(residuals[0].shape[1]):
         stretches = stretches_of(slews, [values[:, component] for values in residuals])
         for key in ("rests", "slew"):
-            more = _unlike(_grouped(stretches, key))
+            more = _unlike([power for _, power in _groups(stretches, key)])
             statistic, freedom = statistic + more[0], freedom + more[1]
     return not freedom or bool(stats.chi2.sf(statistic, freedom) > LIMITS.reject_below)
 
 
-def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
+def _unlike(parts: Sequence[np.ndarray]) -> tuple[float, int]:
     """Bartlett's test of equal variances of fast components: statistic, degrees of freedom."""
-    parts = [_fast_components(group)[1] for group in groups]
-    parts = [part for part in parts if len(part) >= LIMITS.fewest_components]
-    if len(parts) < 2:
+    if not parts:
         return 0.0, 0
     every = np.concatenate(parts)
     apart = sum(len(part) * np.log(part.mean()) for part in parts)
@@ -362,9 +358,8 @@ def _louder_than(count: int, order: int, groups: int = 1) -> float:
 def _squares(pieces: list[np.ndarray], order: int) -> list[np.ndarray]:
     """Squared differences of some order, one array a component."""
     squares = [np.diff(piece, n=order, axis=0) ** 2 for piece in pieces if len(piece) > order]
-    if not squares:
-        return []
-    return [column[np.isfinite(column)] for column in np.concatenate(squares).T]
+    columns = np.concatenate(squares).T if squares else ()
+    return [column[np.isfinite(column)] for column in columns]
 
 
 def bursts_of(time: np.ndarray) -> list[np.ndarray]:
@@ -382,9 +377,8 @@ def bursts_of(time: np.ndarray) -> list[np.ndarray]:
     gaps, every = np.diff(time), np.arange(len(time))
     if not len(gaps):
         return [every]
-    return np.split(
-        every, 1 + np.flatnonzero(gaps > LIMITS.gap_in_spacings * np.quantile(gaps, 0.25))
-    )
+    long = gaps > LIMITS.gap_in_spacings * np.quantile(gaps, 0.25)
+    return np.split(every, 1 + np.flatnonzero(long))
 
 
 def _clipped_power(squares: np.ndarray, order: int) -> float:
@@ -453,9 +447,8 @@ def has_one_error(steps: np.ndarray) -> bool:
 
     `steps` (components,): [sigma of the noise as used, which holds the rounding].
     """
-    return bool(
-        np.any(steps > LIMITS.coarse_step / np.hypot(1.0, quantisation_sigma(LIMITS.coarse_step)))
-    )
+    in_used = LIMITS.coarse_step / np.hypot(1.0, quantisation_sigma(LIMITS.coarse_step))
+    return bool(np.any(steps > in_used))
 
 
 def level_of_rounded(measured: float, steps: np.ndarray) -> float:
