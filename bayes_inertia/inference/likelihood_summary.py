@@ -93,10 +93,8 @@ class LikelihoodSummary:
         """As it stands in a file: lists of numbers."""
         content: dict[str, Any] = {k: getattr(self, k) for k in ("campaign", "is_scale_untied")}
         content["learnt_from"] = list(self.learnt_from)
-        content |= {k: getattr(self, k).tolist() for k in _ARRAYS}
-        if self.prior_correlation is not None:
-            content["prior_correlation"] = self.prior_correlation.tolist()
-        return content
+        arrays = _ARRAYS if self.prior_correlation is None else (*_ARRAYS, "prior_correlation")
+        return content | {k: getattr(self, k).tolist() for k in arrays}
 
 
 def summary_of(
@@ -208,8 +206,5 @@ def first_stated_prior(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSumm
 
 def means_and_sds(summaries: Sequence[LikelihoodSummary]) -> tuple[np.ndarray, np.ndarray]:
     """Means and sds (summaries, n) of the posteriors that summaries and their priors make."""
-    posteriors = [with_prior(summary) for summary in summaries]
-    return (
-        np.array([mean for mean, _ in posteriors]),
-        np.array([np.sqrt(np.diag(covariance)) for _, covariance in posteriors]),
-    )
+    means, covariances = zip(*map(with_prior, summaries), strict=True)
+    return np.array(means), np.sqrt([np.diag(covariance) for covariance in covariances])

@@ -164,10 +164,8 @@ class Posterior:
         import xarray as xr
 
         path = path_of(path, "path")
-        if not path.is_file():
-            raise CampaignError(
-                "no such file", where=str(path), advice="give the posterior.nc of a finished run"
-            )
+        advice = "give the posterior.nc of a finished run"
+        require(path.is_file(), str(path), "no such file", advice)
         intact = is_sealed(path, _ADVICE)
         if not intact:
             # Of an earlier version, or damaged: then it could end this process.
@@ -222,10 +220,9 @@ class Posterior:
         """As `samples`; J and K averaged over an ambiguous set where there is one."""
         tree: Any = self.tree
         averaged, sampled = tree.get("averaged", {}), tree["posterior"]
-        columns = [
-            (averaged if name in averaged else sampled)[name].values.ravel() for name in self.names
-        ]
-        return np.stack(columns, -1)
+        groups = [averaged if name in averaged else sampled for name in self.names]
+        named = zip(self.names, groups, strict=True)
+        return np.stack([group[name].values.ravel() for name, group in named], -1)
 
     @property
     def inertia(self) -> np.ndarray:
@@ -405,22 +402,18 @@ class Posterior:
         content["trusted"] = self.trusted
         content["reasons"] = [gate["says"] for gate in content["gates"] if not gate["passed"]]
         content["parameters"] = self._parameters()
-        content["derived"] = {
-            name: row | {"robust_sd": _robust_sd(robust, row["sd"]), "unit": "kg m^2"}
-            for (name, row), robust in zip(
-                self._rows(_moments).items(), tree["estimate"]["robust_principal_sd"], strict=True
-            )
-        }
+        content["derived"] = self._rows(_moments)
+        robust_sds = tree["estimate"]["robust_principal_sd"]
+        for row, robust in zip(content["derived"].values(), robust_sds, strict=True):
+            row |= {"robust_sd": _robust_sd(robust, row["sd"]), "unit": "kg m^2"}
         prior = np.stack([tree["prior"][n].values.ravel() for n in ELEMENTS], -1)
         sds = before = {n: x.std(ddof=1) for n, x in _ratios(prior).items()}
         if "preflight_sd" in tree["estimate"]:
             before = {n: x.std(ddof=1) for n, x in _ratios(self._preflight(prior)).items()}
-        content["ratios"] = {
-            name: row
-            | {"unit": "", "prior_sd": float(sds[name])}
-            | {"contraction": float(1.0 - (row["sd"] / before[name]) ** 2)}
-            for name, row in self._rows(_ratios).items()
-        }
+        content["ratios"] = self._rows(_ratios)
+        for name, row in content["ratios"].items():
+            contraction = float(1.0 - (row["sd"] / before[name]) ** 2)
+            row |= {"unit": "", "prior_sd": float(sds[name]), "contraction": contraction}
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
         content["as_prior"] = None if self.as_prior is None else self.as_prior.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
@@ -444,16 +437,14 @@ class Posterior:
         rows = self._rows(lambda draws: dict(zip(self.names, draws.T, strict=True)))
         for i, (name, row) in enumerate(rows.items()):
             contraction = self._contraction(i, row["sd"])
-            rows[name] = {
-                **row,
+            row |= {
                 "robust_sd": _robust_sd(estimate["robust_sd"][i], row["sd"]),
                 **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
                 **self._decisive_slew(i),
                 "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
                 "prior_sd": float(estimate["prior_sd"][i]),
                 "contraction": contraction,
-                "observable": bool(contraction > LIMITS.observable_above)
-                and not self._is_size(name),
+                "observable": contraction > LIMITS.observable_above and not self._is_size(name),
             }
         return rows
 

@@ -188,15 +188,13 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
     names, space = list(estimate.model.space.names), estimate.model.space
     robust = estimate.robust_covariance
     covariance = np.full((len(names), len(names)), np.nan) if robust is None else robust
+    log_sd = [p.scale if p.logarithmic else np.nan for p in space.priors]
     variables: dict[str, tuple] = {
         "theta": (("parameter",), estimate.theta),
         "prior_mean": (("parameter",), space.mean),
         "prior_sd": (("parameter",), space.sd),
         # Of the logarithm, where that is normal.
-        "prior_log_sd": (
-            ("parameter",),
-            [p.scale if p.logarithmic else np.nan for p in space.priors],
-        ),
+        "prior_log_sd": (("parameter",), log_sd),
         "covariance": (("parameter", "parameter_2"), estimate.covariance),
         "robust_covariance": (("parameter", "parameter_2"), covariance),
         "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),
@@ -259,6 +257,10 @@ def _write_units(tree: xr.DataTree, units: dict[str, str], channels: tuple[Chann
 def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict[str, Any]:
     """What the fit says about itself."""
     model, tests, scatter = estimate.model, estimate.tests, estimate.slew_scatter
+    campaign = model.campaign
+    # Which sensor's axes are the body's, where more than one could be.
+    several = campaign.more_sensors or campaign.reference
+    frames = {"frame_reference": campaign.frame_reference} if several else {}
     return {
         "diagnostics": asdict(chains.diagnostics),
         "fit": {
@@ -275,29 +277,21 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "gates": check_gates(estimate, chains.diagnostics, context),
         "criteria": criteria(),
         "effects": [e.name for e in model.effects],
-        "dirt": [dirt.json() for dirt in model.campaign.dirt],
+        "dirt": [dirt.json() for dirt in campaign.dirt],
         "ensembles": len(chains.samples),
         "walkers": chains.samples.shape[1],
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,
-        "wheel_spin_kgm2": model.campaign.wheel_spin.tolist(),
+        "wheel_spin_kgm2": campaign.wheel_spin.tolist(),
         "free_momenta": model.structure.free_momenta,
-        "scale_of_J": ties_of_scale(model.campaign),
+        "scale_of_J": ties_of_scale(campaign),
         "angle_sensors": [
-            name
-            for name, sensor in model.campaign.sensors.items()
-            if not isinstance(sensor, RateSensor)
+            name for name, s in campaign.sensors.items() if not isinstance(s, RateSensor)
         ],
-        **_frames(model.campaign),
+        **frames,
         "versions": versions(),
     }
-
-
-def _frames(campaign: Campaign) -> dict[str, str]:
-    """Which sensor's axes are the body's, where more than one could be."""
-    several = campaign.more_sensors or campaign.reference
-    return {"frame_reference": campaign.frame_reference} if several else {}
 
 
 def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:

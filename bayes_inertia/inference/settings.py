@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_inertia.errors import SettingsError, require_kind
+from bayes_inertia.errors import SettingsError, require, require_kind
 from bayes_inertia.maths.values import whole_number
 
 if TYPE_CHECKING:
@@ -80,12 +80,9 @@ class Settings:
         for field in fields(self):
             value = _checked_setting(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, value)
-        if self.max_steps < self.steps:
-            raise SettingsError(
-                f"is {self.max_steps}, less than the {self.steps} of steps",
-                where="max_steps",
-                advice="raise it or lower steps",
-            )
+        what = f"is {self.max_steps}, less than the {self.steps} of steps"
+        enough, advice = self.max_steps >= self.steps, "raise it or lower steps"
+        require(enough, "max_steps", what, advice, error=SettingsError)
 
 
 def _checked_setting(name: str, value: Any) -> Any:
@@ -175,11 +172,10 @@ class FitContext:
         dict
             `campaign_sha256`; `slew_digests`; `verdict` and `noise` after a diagnosis.
         """
-        attributes: dict[str, Any] = {"campaign_sha256": self.campaign_sha256}
-        if self.verdict is not None:
-            attributes["verdict"] = self.verdict
-        if self.measured_noise is not None:
-            attributes["noise"] = dict(self.measured_noise)
-        if self.slew_digests is not None:
-            attributes["slew_digests"] = dict(self.slew_digests)
-        return attributes
+        known = {
+            "verdict": self.verdict,
+            "noise": self.measured_noise,
+            "slew_digests": self.slew_digests,
+        }
+        known = {key: value for key, value in known.items() if value is not None}
+        return {"campaign_sha256": self.campaign_sha256} | known
