@@ -160,16 +160,11 @@ def check_gates(
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
     if context.verdict in OPEN_VERDICTS:
-        says = _what_is_missing(estimate)
+        names = [effect.name for effect in estimate.model.effects]
+        free = [effect.signal_title for effect in REMAINDERS if effect.name in names]
+        says = _REMAINDER_NOTE.format(listed(free))
         gates.append({"name": "diagnosed", "passed": False, "says": says})
     return gates
-
-
-def _what_is_missing(estimate: Estimate) -> str:
-    """What an unknown verdict means for J and K."""
-    names = [effect.name for effect in estimate.model.effects]
-    free = [effect.signal_title for effect in REMAINDERS if effect.name in names]
-    return _REMAINDER_NOTE.format(listed(free))
 
 
 def _converged(diagnostics: Diagnostics) -> dict[str, Any]:
@@ -201,11 +196,9 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         )
     if large:
         sizes = [f"{name} ({tests[name].why_too_large})" for name in large]
-        next_step = (
-            "the diagnosis found no effect that explains it"
-            if context.verdict
-            else "look for the missing effect with `diagnose`"
-        )
+        next_step = "look for the missing effect with `diagnose`"
+        if context.verdict:
+            next_step = "the diagnosis found no effect that explains it"
         # After a diagnosis that leaves something open, its own gate says what that means.
         opened = context.verdict in OPEN_VERDICTS
         advice = "" if opened else f"; {next_step}, and do not read sd as the uncertainty"
@@ -223,12 +216,11 @@ def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
     None where the slews agree, or where no two groups are why they do not.
     """
     scatter = estimate.slew_scatter
-    groups = None if scatter is None else scatter.groups
-    if groups is None:
+    if scatter is None or (groups := scatter.groups) is None:
         return None
-    names = [[estimate.model.campaign.slews[s].name for s in part] for part in groups.slews]
-    n_base, every = estimate.model.n_base, estimate.model.space.names
-    base = [(k, every[i]) for k, i in enumerate(estimate.free) if i < n_base]
+    model, space = estimate.model, estimate.model.space
+    names = [[model.campaign.slews[s].name for s in part] for part in groups.slews]
+    base = [(k, space.names[i]) for k, i in enumerate(estimate.free) if i < model.n_base]
     differences = {
         name: {"difference": float(groups.difference[k]), "sd": float(groups.sd[k])}
         for k, name in base
@@ -236,18 +228,14 @@ def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
     far = max(base, key=lambda place: abs(groups.difference[place[0]]) / groups.sd[place[0]])[1]
     one, other = (_group_in_words(*part) for part in zip(groups.slews, names, strict=True))
     change, sd = differences[far].values()
-    space = estimate.model.space
     unit = f" {space.units[space.names.index(far)]}".rstrip()
     says = (
         f"{one} agree among themselves, and so do {other}, but the two groups disagree, most in "
         f"{far}: by {change:.2g}{unit} ({abs(change) / sd:.0f} sd)"
     )
     if groups.slews[0][-1] < groups.slews[1][0]:
-        first = groups.slews[1][0]
-        says += (
-            "; if the tensor changed between them, fit with "
-            f"`--effects inertia_change:from_slew={first}`"
-        )
+        effect = f"`--effects inertia_change:from_slew={groups.slews[1][0]}`"
+        says += f"; if the tensor changed between them, fit with {effect}"
     return {"slews": names, "p_value": groups.p_value, "differences": differences, "says": says}
 
 
@@ -286,11 +274,11 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     if passed:
         says = f"the result is where what was known before allows it: {place}"
     else:
-        rest = f", and {len(far) - 1} more beyond {LIMITS.prior_sd_at_most:g}"
-        together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
+        more = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
+        if len(far) > 1:
+            more = f", and {len(far) - 1} more beyond {LIMITS.prior_sd_at_most:g}"
         says = (
-            f"the result contradicts what was known before: {place}"
-            f"{rest if len(far) > 1 else ''}{together}. "
+            f"the result contradicts what was known before: {place}{more}. "
             f"{_cause_of_contradiction(estimate, worst)}"
         )
     return {"name": "prior", "passed": passed, "says": says}
