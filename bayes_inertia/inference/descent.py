@@ -143,8 +143,7 @@ def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
     measured.
     """
     local = np.zeros((model.n_slews, model.structure.n_local))
-    campaign = model.campaign
-    unmeasured = campaign.wheels and not campaign.has_tachometers
+    unmeasured = model.campaign.wheels and not model.campaign.has_tachometers
     if model.structure.drive == "commanded" and unmeasured:
         prior_sd = np.asarray(model.data.scale.local[6:])
         J, K = inertia_tensor.tensor(theta[:6]), theta[6 : model.n_base]
@@ -217,7 +216,7 @@ def _balanced(model: Model, theta: np.ndarray) -> np.ndarray | None:
         parts = [x]
         for time, readings in told:
             rate = _rate_B(model, readings, K)
-            momentum = rate @ np.asarray(J)
+            momentum = rate @ J
             size = LIMITS.balance * np.linalg.norm(momentum, axis=1).max(initial=1e-300)
             # What bias and noise make of it lasts over the slew: its rows count as one.
             gained = _unexplained(time, rate, momentum) / (size * np.sqrt(len(time)))
@@ -246,7 +245,10 @@ def gentle_descents(
     thetas = theta[None]
     if start is None:
         draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
-        thetas = _inside_support(model, np.array([theta, *draws]))
+        # A little into the support of priors that end at their null.
+        margin = 0.1 * model.space.sd
+        ends = model.space.lower + margin, model.space.upper - margin
+        thetas = np.clip(np.array([theta, *draws]), *ends)
         thetas[:, fixed] = theta[fixed]
     rates = 3 if model.campaign.rate_sensor is None else len(model.campaign.gyro.axes)
     readings = sum(rates * len(s.time) for s in model.campaign.slews)
@@ -299,9 +301,3 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     if len(core) < len(free):
         point, objective = _to_minimum(model, point, white, free, **gently)
     return objective, point
-
-
-def _inside_support(model: Model, thetas: np.ndarray) -> np.ndarray:
-    """Prior draws (n, d) moved a little into the support of priors that end at their null."""
-    margin = 0.1 * model.space.sd
-    return np.clip(thetas, model.space.lower + margin, model.space.upper - margin)

@@ -121,12 +121,10 @@ def with_likely_inputs(estimate: Estimate) -> Estimate:
     done = model.campaign.has_likely_inputs
     if done or not inputs or model.structure.free_momenta:
         return estimate
-    series, slews = plain_series(estimate), list(model.campaign.slews)
-    for s in range(len(slews)):
-        slews[s] = _moved(estimate, s, series, inputs)
-    moved = replace(model.campaign, slews=tuple(slews), has_likely_inputs=True)
-    again = refitted(estimate, moved)
-    return replace(again, starts=estimate.starts)
+    series = plain_series(estimate)
+    slews = tuple(_moved(estimate, s, series, inputs) for s in range(model.n_slews))
+    moved = replace(model.campaign, slews=slews, has_likely_inputs=True)
+    return replace(refitted(estimate, moved), starts=estimate.starts)
 
 
 class _Seen(NamedTuple):
@@ -143,10 +141,7 @@ class _Seen(NamedTuple):
 
 
 def _moved(
-    estimate: Estimate,
-    s: int,
-    series: dict[str, list[np.ndarray]],
-    inputs: tuple[NoisyInput, ...],
+    estimate: Estimate, s: int, series: dict[str, list[np.ndarray]], inputs: tuple[NoisyInput, ...]
 ) -> Slew:
     """A slew with the noise of its inputs on its readings."""
     slew = estimate.model.campaign.slews[s]

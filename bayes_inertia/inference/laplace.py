@@ -422,8 +422,7 @@ def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
 
     `covariance` (d, d). Returns (3,) [kg m^2].
     """
-    tensor = inertia_tensor.tensor(estimate.theta[:6])
-    _, axes = np.linalg.eigh(tensor)
+    _, axes = np.linalg.eigh(inertia_tensor.tensor(estimate.theta[:6]))
     weights = np.stack(
         [inertia_tensor.elements(np.outer(v, v)) * [1, 1, 1, 2, 2, 2] for v in axes.T]
     )

@@ -61,13 +61,11 @@ class ChannelRows:
 
 def channel_rows(model: Model) -> dict[str, ChannelRows]:
     """Where each channel's numbers are among those of all channels."""
-    times, telemetry = row_times(model), model.data.arrays.telemetry
-    rows, begin = {}, 0
-    for channel, readings, valid in zip(
-        model.structure.channels, telemetry.readings, measured(model), strict=True
-    ):
+    readings = model.data.arrays.telemetry.readings
+    rows, begin, times = {}, 0, row_times(model)
+    for channel, own, valid in zip(model.channels, readings, measured(model), strict=True):
         part = slice(begin, begin + valid[0].size)
-        time = np.take_along_axis(times, np.asarray(readings.row), axis=1)
+        time = np.take_along_axis(times, np.asarray(own.row), axis=1)
         rows[channel.name] = ChannelRows(part, time, valid)
         begin = part.stop
     return rows

@@ -368,15 +368,14 @@ def _elimination(
     structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
 ) -> tuple[EliminatedSlews, Array]:
     """The integral over all nuisances at one theta, where their prior depends on it; the bias."""
-    part = nuisances.coefficients
+    part, contexts = nuisances.coefficients, nuisances.contexts
     assert part is not None
-    assert nuisances.contexts is not None
+    assert contexts is not None
     point = nuisances.ridge.at(theta, structure.hyperparameters)
-    change = root_change(structure, part.inverse_roots, theta, nuisances.contexts)
-    bias = point.bias
-    equations = SlewEquations(
-        chi2, part.information, gradient, jnp.eye(len(bias)), bias, bias @ bias, point.local
-    )
+    change = root_change(structure, part.inverse_roots, theta, contexts)
+    bias, prior = point.bias, jnp.eye(len(point.bias))
+    of_bias = prior, bias, bias @ bias
+    equations = SlewEquations(chi2, part.information, gradient, *of_bias, point.local)
     return eliminated(change, equations), bias
 
 

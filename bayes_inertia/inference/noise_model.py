@@ -194,15 +194,13 @@ def wandering_noise(
 
 def processes_of_effects(structure: Structure, theta: Any) -> tuple[ChannelProcess, ...]:
     """What effects add to readings, at parameters (d,) that may be traced."""
-    start, found = structure.n_start, []
     if not any(structure.coefficients):
         return ()
+    start, found = structure.n_start, []
     active = structure.active_effects(theta)
     for (effect, p), count in zip(active, structure.coefficients, strict=False):
-        if count and isinstance(effect, StochasticEffect):
-            process = effect.reading_noise(p)
-            if process is not None:
-                found.append(ChannelProcess(effect.name, process, slice(start, start + count)))
+        if count and isinstance(effect, StochasticEffect) and (process := effect.reading_noise(p)):
+            found.append(ChannelProcess(effect.name, process, slice(start, start + count)))
         start += count
     return tuple(found)
 
@@ -211,13 +209,9 @@ def estimated_noise(model: Model, theta: np.ndarray) -> tuple[ChannelProcess, ..
     """Those of `processes_of_effects` whose readings are compared, as plain numbers."""
     compared = {channel.name for channel in model.channels if channel.compared}
     return tuple(
-        each._replace(
-            process=each.process._replace(
-                size=float(each.process.size), time=float(each.process.time)
-            )
-        )
+        each._replace(process=own._replace(size=float(own.size), time=float(own.time)))
         for each in processes_of_effects(model.structure, jnp.asarray(theta))
-        if each.process.channel in compared
+        if (own := each.process).channel in compared
     )
 
 
@@ -230,12 +224,7 @@ def coefficients_of(model: Model, noise: Sequence[ChannelProcess]) -> np.ndarray
 
 
 def noise_memory(
-    model: Model,
-    channel: Channel,
-    theta: np.ndarray,
-    *,
-    whole: bool = False,
-    measured: bool = True,
+    model: Model, channel: Channel, theta: np.ndarray, *, whole: bool = False, measured: bool = True
 ) -> Memory | None:
     """The filter for the noise of a channel; None where that is white.
 
@@ -385,15 +374,11 @@ class ChannelDensity:
         numbers = valid.sum(1)
         kept = numbers * (1.0 - self.lost / max(numbers.sum(), 1))
         information = np.asarray(self.family.moments(shape).information)
-        return Pull(
-            slope,
-            float(curvature) / scale**2,
-            curvature * squares,
-            (
-                np.stack([(kept - squares) / scale, towards], -1),
-                kept[:, None, None] * information / np.outer([scale, 1.0], [scale, 1.0]),
-            ),
+        by_noise = (
+            np.stack([(kept - squares) / scale, towards], -1),
+            kept[:, None, None] * information / np.outer([scale, 1.0], [scale, 1.0]),
         )
+        return Pull(slope, float(curvature) / scale**2, curvature * squares, by_noise)
 
     def judged(
         self, series: list[np.ndarray], theta: np.ndarray, numbers: float, parameters: float
@@ -493,11 +478,9 @@ def whitening(model: Model, theta: np.ndarray) -> Whitenings:
     what an effect's process does between its knots depends on its size and time.
     """
     white = []
-    for channel, readings in zip(
-        model.structure.channels, model.data.arrays.telemetry.readings, strict=True
-    ):
+    for channel in model.structure.channels:
         noise = channel.noise(model.campaign, theta, model.structure.drive)
-        factors = channel.factors(noise, np.asarray(readings.valid))
+        factors = channel.factors(noise, readings_of(model, channel))
         white.append(Whitening(on_device(factors), noise_memory(model, channel, theta)))
     return tuple(white)
 
@@ -533,13 +516,10 @@ def discounted(white: Whitenings, factors: np.ndarray) -> Whitenings:
 
     `factors` (slews, channels): what each slew's and channel's information is multiplied by.
     """
-    root = np.sqrt(np.asarray(factors))
     weak = []
-    for c, each in enumerate(white):
-        shape = -1, *(1 for _ in each.factors.shape[1:])
-        weak.append(
-            each._replace(factors=on_device(np.asarray(each.factors) * root[:, c].reshape(shape)))
-        )
+    for each, root in zip(white, np.sqrt(np.asarray(factors)).T, strict=True):
+        shaped = root.reshape(-1, *(1 for _ in each.factors.shape[1:]))
+        weak.append(each._replace(factors=on_device(np.asarray(each.factors) * shaped)))
     return tuple(weak)
 
 

@@ -204,12 +204,12 @@ def without_effects(
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
     """The same point in a model with other effects, those that are new held at their null."""
-    theta, names = model.space.nulls, previous.model.space.names
-    fitted_values = dict(zip(names, previous.theta, strict=True))
-    free_names = {names[i] for i in previous.free}
-    for i, name in enumerate(model.space.names):
-        theta[i] = fitted_values.get(name, theta[i])
-    free = np.array([i for i, name in enumerate(model.space.names) if name in free_names])
+    names = previous.model.space.names
+    values = dict(zip(names, previous.theta, strict=True))
+    nulls = zip(model.space.names, model.space.nulls, strict=True)
+    theta = np.array([values.get(name, null) for name, null in nulls])
+    free_names = [names[i] for i in previous.free]
+    free = np.flatnonzero(np.isin(model.space.names, free_names))
     # Its integration steps may be others, and its rows padded to another length.
     stated = whitening(model, theta)
     return replace(
@@ -244,9 +244,8 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     Returns: the same object if its noise is that already.
     """
     model, free = previous.model, previous.free
-    discount = np.tile(
-        [factors.get(c.name, 1.0) ** -2.0 for c in model.channels], (model.n_slews, 1)
-    )
+    of_channels = [factors.get(c.name, 1.0) ** -2.0 for c in model.channels]
+    discount = np.tile(of_channels, (model.n_slews, 1))
     if np.array_equal(discount, previous.discount):
         return previous
     settled = _optimum_with_noise(model, previous.point, discount, free)
@@ -266,16 +265,14 @@ def _discounted_fit(
     `factors` (slews, channels): to begin with; `channels`: those that are discounted.
     """
     factors = np.where(channels, factors, 1.0)
+    stop: dict[str, Any] = {"rounds": 1, "tolerance": LIMITS.tolerance_of_discount}
     for _ in range(LIMITS.most_rounds_of_discount):
-        point, _, stated = _optimum_with_noise(
-            model, point, factors, free, rounds=1, tolerance=LIMITS.tolerance_of_discount
-        )
+        point, _, stated = _optimum_with_noise(model, point, factors, free, **stop)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
         if np.all(np.abs(np.log(factors / previous)) < LIMITS.settled):
             break
-    return _estimate_of(
-        model, *_optimum_with_noise(model, point, factors, free), factors, free, starts
-    )
+    settled = _optimum_with_noise(model, point, factors, free)
+    return _estimate_of(model, *settled, factors, free, starts)
 
 
 def _dispersions(model: Model, point: Point, stated: Whitenings) -> np.ndarray:
@@ -319,9 +316,8 @@ def _best_optimum_with_noise(
     guess = replace(settled[0], local=guess_nuisances(model, settled[0].theta))
     if not np.any(guess.local):
         return settled
-    return min(
-        settled, _optimum_with_noise(model, guess, factors, free), key=lambda optimum: optimum[1]
-    )
+    again = _optimum_with_noise(model, guess, factors, free)
+    return again if again[1] < settled[1] else settled
 
 
 def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitenings]) -> bool:
@@ -376,11 +372,10 @@ def _with_densities(fitted: Estimate) -> Estimate:
         blocks = information_blocks(model, point, white, free)
         hessian, _ = normal_equations(model, point, blocks)
         paid = effective_parameters(model, point, blocks, inverse(hessian))
+        moments = [x.family.moments(float(x.shape_of(point.theta))) for x in densities]
         densities = tuple(
-            replace(
-                x, lost=n * float(x.family.moments(float(x.shape_of(point.theta))).per_parameter)
-            )
-            for x, n in zip(densities, paid.tolist(), strict=True)
+            replace(x, lost=n * float(each.per_parameter))
+            for x, n, each in zip(densities, paid.tolist(), moments, strict=True)
         )
     factor = np.tile(blocks.weight, (model.n_slews, 1))
     white = discounted(stated, factor)
@@ -424,22 +419,17 @@ def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[t
 
     Returns: ends not far worse than the best, best first, and how often each was reached.
     """
+
+    def in_prior_sd(point: Point) -> np.ndarray:
+        return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
+
     descents = sorted(descents, key=lambda descent: descent[0])
     groups: list[list[Point]] = []
     for objective, point in descents:
-        place = _unknowns_in_prior_sd(model, point)
-        same = [
-            g
-            for g in groups
-            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < LIMITS.same_place_sd
-        ]
+        apart = [np.max(np.abs(in_prior_sd(g[0]) - in_prior_sd(point))) for g in groups]
+        same = [g for g, sds in zip(groups, apart, strict=True) if sds < LIMITS.same_place_sd]
         if same:
             same[0].append(point)
         elif objective <= descents[0][0] + LIMITS.most_objective_excess:
             groups.append([point])
     return [(group[0], len(group)) for group in groups]
-
-
-def _unknowns_in_prior_sd(model: Model, point: Point) -> np.ndarray:
-    """All unknowns in prior sd."""
-    return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])

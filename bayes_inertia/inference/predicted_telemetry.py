@@ -48,11 +48,8 @@ def predicted_telemetry(
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
     parts = (measured(model), densities_of(model), log_norms(model, estimate.stated))
-    channels = [
-        each
-        for each in zip(range(len(model.channels)), model.channels, *parts, strict=True)
-        if each[1].compared and each[2].size
-    ]
+    placed = zip(range(len(model.channels)), model.channels, *parts, strict=True)
+    channels = [each for each in placed if each[1].compared and each[2].size]
     # Each draw goes to its place at once: copies of telemetry-sized arrays would be the largest
     # things that a fit holds.
     for k, (theta, (new, gaps)) in enumerate(

@@ -125,7 +125,7 @@ def channel_tests(
     series: dict[str, list[np.ndarray]],
     chi2: np.ndarray,
     dof: np.ndarray,
-    rounded: Sequence[str] = (),
+    rounded: Sequence[str],
 ) -> dict[str, ChannelTest]:
     """Test every channel, and the total.
 
@@ -136,8 +136,8 @@ def channel_tests(
     tests = {}
     for i, channel in enumerate(channels):
         # Star-tracker fixes come in a few bursts: no series to correlate.
-        no_series = not channel.stream.is_series or channel.name in rounded
-        p_white = None if no_series else whiteness(series[channel.name])
+        is_series = channel.stream.is_series and channel.name not in rounded
+        p_white = whiteness(series[channel.name]) if is_series else None
         tests[channel.name] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
     tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()))
     return tests

@@ -154,11 +154,9 @@ class SlewShares:
             return None
         n = len(self.matrix)
         in_order = [np.arange(n) >= k for k in range(1, n)]
-        best = max(in_order, key=self._gain)
-        tries = float(np.log(n - 1))
-        moved = _improved(best, self._gain)
-        if moved is not best:
-            best, tries = moved, (n - 1) * float(np.log(2.0))
+        first_best = max(in_order, key=self._gain)
+        best = _improved(first_best, self._gain)
+        tries = float(np.log(n - 1)) if best is first_best else (n - 1) * float(np.log(2.0))
         p_value = np.exp(stats.chi2.logsf(self._gain(best), len(self.covariance)) + tries)
         (first, A, _), (second, B, _) = self._fit_of(~best), self._fit_of(best)
         parts = ((~best, first, A), (best, second, B))
@@ -199,7 +197,8 @@ class SlewShares:
     def cr2_sd(self) -> np.ndarray:
         """Bias-reduced sds (n_shared,), clustered by slew (Bell and McCaffrey 2002)."""
         steps = np.array([pull.weights @ pull.pull for pull in self._whitened])
-        return np.sqrt(np.sum(steps**2, 0) + self._of_prior)
+        of_prior = np.diag(self.covariance @ self.prior_matrix @ self.covariance)
+        return np.sqrt(np.sum(steps**2, 0) + of_prior)
 
     @property
     def cr2_dof(self) -> np.ndarray:
@@ -208,18 +207,10 @@ class SlewShares:
         roots = [pull.root for pull in self._whitened]
         scale = np.sqrt(np.diag(self.covariance))
         covariance = self.covariance / np.outer(scale, scale)
-        scattered = np.array(
-            [
-                [_covariance(rows, roots, covariance, s, t) for t in range(len(rows))]
-                for s in range(len(rows))
-            ]
-        )
+        each = range(len(rows))
+        pairs = [[_covariance(rows, roots, covariance, s, t) for t in each] for s in each]
+        scattered = np.array(pairs)
         return np.einsum("ssj->j", scattered) ** 2 / np.einsum("stj,tsj->j", scattered, scattered)
-
-    @property
-    def _of_prior(self) -> np.ndarray:
-        """What the priors scatter, (n_shared,) variances."""
-        return np.diag(self.covariance @ self.prior_matrix @ self.covariance)
 
 
 class _Pull(NamedTuple):
