@@ -162,9 +162,7 @@ class KeptProgram:
         content = None
         with suppress(OSError, TimeoutError):
             content = kept.get(key)
-        if content == _NOT_KEPT:
-            return self._compiled(form, arrays)
-        if content is not None:
+        if content:  # Neither absent nor `_NOT_KEPT`.
             try:
                 return _loaded(content, arrays)
             except Exception as error:  # The libraries raise whatever they stumble over.

@@ -88,6 +88,5 @@ def canonical_correlation(matrix: np.ndarray, first: int) -> float:
         sides.append(directions[:, keep] / np.sqrt(powers[keep]))
     if not all(side.shape[1] for side in sides):
         return 0.0
-    return float(
-        min(1.0, np.linalg.svd(sides[0].T @ matrix[:first, first:] @ sides[1], compute_uv=False)[0])
-    )
+    between = sides[0].T @ matrix[:first, first:] @ sides[1]
+    return float(min(1.0, np.linalg.svd(between, compute_uv=False)[0]))
