@@ -69,17 +69,13 @@ class Point:
         return self.local.shape[1]
 
 
-class SlewPiece(NamedTuple):
-    """What a program of one slew is given; the slew's axis stays, of length one."""
-
-    point: Point
-    data: Data
-    white: Whitenings
-
-
 def is_traced(*arrays: Any) -> bool:
     """Whether JAX transforms the caller: then all slews are one program, in their own size."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
+
+
+# What a program of one slew is given; the slew's axis stays, of length one.
+SlewPiece = tuple[Point, Data, Whitenings]
 
 
 def slew_pieces(point: Point, data: Data, white: Whitenings) -> list[SlewPiece]:
@@ -91,7 +87,7 @@ def slew_pieces(point: Point, data: Data, white: Whitenings) -> list[SlewPiece]:
         for each, size in zip(white, sizes, strict=True)
     )
     return [
-        SlewPiece(replace(point, local=local[k : k + 1]), alone, of_slew(k, padded))
+        (replace(point, local=local[k : k + 1]), alone, of_slew(k, padded))
         for k, alone in enumerate(data.pieces)
     ]
 

@@ -439,12 +439,12 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
     columns = tuple(
         filled(np.asarray(x), round(x.shape[1] / max(1, len(given[0])) * len(padded[0])))
         for x, (given, *_), (padded, *_) in zip(
-            marginal.columns, marginal.white, pieces[0].white, strict=True
+            marginal.columns, marginal.white, pieces[0][-1], strict=True
         )
     )
     pulls = (
-        _Pull(Ridge(p.point, bias, of_slew(k, local)), of_slew(k, columns), p.data, p.white)
-        for k, p in enumerate(pieces)
+        _Pull(Ridge(point, bias, of_slew(k, local)), of_slew(k, columns), data, white)
+        for k, (point, data, white) in enumerate(pieces)
     )
     return [jax.tree.map(on_device, pull) for pull in pulls]
 
