@@ -270,9 +270,10 @@ def _advance(
             return
         for _ in sampler.sample(sampler._previous_state, iterations=steps - done[k]):
             done[k] += 1
-            file = files[k]
-            ends = stopped.is_set()
-            if file is not None and (_is_saved_after(done[k]) or done[k] == steps or ends):
+            file, ends = files[k], stopped.is_set()
+            # A file is replaced whole, so that a long chain waits for a sixteenth of its length.
+            waits = max(LIMITS.least_further_steps, 2 ** (done[k].bit_length() - 5))
+            if file is not None and (done[k] % waits == 0 or done[k] == steps or ends):
                 save_chain(sampler.backend, file)
             if progress:
                 progress("sampling, steps", sum(done), target)
@@ -292,13 +293,6 @@ def _advance(
             # An interrupt or an error ends the other ensembles too, instead of waiting for their
             # last step.
             stopped.set()
-
-
-def _is_saved_after(steps: int) -> bool:
-    """Whether a chain of so many steps is written: its file is replaced whole, so that a long chain
-    waits for a sixteenth of its length.
-    """
-    return steps % max(LIMITS.least_further_steps, 2 ** (steps.bit_length() - 5)) == 0
 
 
 def _collect(

@@ -86,7 +86,7 @@ def in_words(names: Sequence[str], weights: np.ndarray) -> str:
     order = [i for i in np.argsort(-size, kind="stable") if size[i] >= 0.3 * size.max()]
     main = (
         [i for i in order if names[i] in inertia_tensor.ELEMENTS]
-        or [i for i in order if _is_scale_factor(names[i])]
+        or [i for i in order if names[i].startswith("K") and "." not in names[i]]
         or order
     )
     sign = np.sign(weights[min(main)])
@@ -132,10 +132,6 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(np.maximum(values[::-1], 0.0)), axes[:, ::-1]
 
 
-def _is_scale_factor(name: str) -> bool:
-    return name.startswith("K") and "." not in name
-
-
 def _free_names(estimate: Estimate) -> list[str]:
     return [estimate.model.space.names[i] for i in estimate.free]
 
@@ -157,13 +153,6 @@ def _scale_direction(estimate: Estimate) -> np.ndarray:
     return direction
 
 
-def _ratio(estimate: Estimate, direction: np.ndarray, part: np.ndarray) -> float:
-    """Information along a direction over that along one part of it alone."""
-    information = data_information(estimate)
-    alone = part @ information @ part
-    return float(max(direction @ information @ direction, 0.0) / alone) if alone > 0.0 else 0.0
-
-
 def _common_gain(estimate: Estimate) -> Degeneracy:
     gains = [name for name in _free_names(estimate) if name.startswith(_GAIN_PREFIX)]
     model = estimate.model
@@ -174,7 +163,9 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     J_part, places = _scale_direction(estimate), _places(estimate, gains)
     direction = J_part.copy()
     direction[places] = estimate.theta[estimate.free[places]]
-    ratio = _ratio(estimate, direction, J_part)
+    information = data_information(estimate)
+    alone = J_part @ information @ J_part
+    ratio = float(max(direction @ information @ direction, 0.0) / alone) if alone > 0.0 else 0.0
     exact = ratio < LIMITS.exact_below
     read = bool(estimate.information.n_data[:, 2].any())
     told = model.structure.drive == "commanded" and read and not exact
