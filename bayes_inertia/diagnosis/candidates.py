@@ -26,13 +26,12 @@ from bayes_inertia.campaign.sensors import reading_step
 from bayes_inertia.diagnosis.hypothesis_table import few_sizes
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
-from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import re_estimate, without_effects
 from bayes_inertia.maths.inertia_tensor import tensor
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.effects import FlexibleMode, candidates_in
 from bayes_inertia.physics.forward_model import lacks
 
@@ -196,9 +195,8 @@ def best_flexible_mode(
     tried = frequencies(response)
     slope, power = _at_frequencies(response, fit, scale, tried)
     gains = _gains(slope, power)
-    closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + (
-        tried[1] - tried[0]
-    ) * np.array(LIMITS.refinement_offsets)
+    offsets = (tried[1] - tried[0]) * np.array(LIMITS.refinement_offsets)
+    closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + offsets
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
     gains = np.append(gains, _gains(*_at_frequencies(response, fit, scale, closer)))
     best = np.append(tried, closer)[np.argmax(gains)]
@@ -295,9 +293,8 @@ def _tangents(delta: np.ndarray) -> np.ndarray:
 
 def _directions() -> np.ndarray:
     """Directions (n, 3) that cover the half sphere evenly."""
-    points = stats.qmc.Sobol(2, scramble=False).random_base2(
-        int(np.ceil(np.log2(LIMITS.directions)))
-    )
+    doublings = int(np.ceil(np.log2(LIMITS.directions)))
+    points = stats.qmc.Sobol(2, scramble=False).random_base2(doublings)
     height, angle = points[:, 0], 2.0 * np.pi * points[:, 1]
     across = np.sqrt(1.0 - height**2)
     return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=-1)
@@ -346,30 +343,22 @@ def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> Candidat
 
 def _wanted(effect: Effect, campaign: Campaign) -> str:
     """What an effect needs and a campaign does not have; empty if it can act."""
-    columns = {c: [getattr(slew, c) for slew in campaign.slews] for c in effect.needs}
-    empty = [
-        name
-        for name, given in columns.items()
-        if any(x is None or not np.isfinite(x).all(axis=-1).any() for x in given)
-    ]
+
+    def is_told(given: np.ndarray | None) -> bool:
+        return given is not None and bool(np.isfinite(given).all(axis=-1).any())
+
+    empty = [c for c in effect.needs if not all(is_told(getattr(s, c)) for s in campaign.slews)]
     return f"{', '.join(empty)} in every slew" if empty else lacks(effect, campaign)
 
 
 def _check_names(library: Sequence[Effect]) -> None:
     for name, times in Counter(effect.name for effect in library).items():
-        if times > 1:
-            raise EffectError(
-                f"{times} candidates have this name",
-                where=name,
-                advice="give them names of their own, or diagnose with one at a time",
-            )
+        advice = "give them names of their own, or diagnose with one at a time"
+        require_of_effect(times == 1, name, f"{times} candidates have this name", advice)
     for effect in library:
-        if effect.name == FLEXIBLE_MODE and not isinstance(effect, FlexibleMode):
-            raise EffectError(
-                "only one mode shared by all slews can be a candidate",
-                where=FLEXIBLE_MODE,
-                advice="give a FlexibleMode itself",
-            )
+        usable = effect.name != FLEXIBLE_MODE or isinstance(effect, FlexibleMode)
+        what = "only one mode shared by all slews can be a candidate"
+        require_of_effect(usable, effect, what, "give a FlexibleMode itself")
 
 
 def flexible_mode_candidate(

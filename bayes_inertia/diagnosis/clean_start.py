@@ -125,7 +125,7 @@ def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | No
         return None
     treatment = replace(start.treatment, colour=colour)
     base = _treated(start, start.base, treatment)
-    coloured = _restarted(start, treatment, base, base)
+    coloured = _at_level(replace(start, base=base), _noise(base, treatment), treatment)
     for _ in range(LIMITS.rounds_of_noise):
         again = measured_again(coloured, coloured.base)
         if again is None:
@@ -150,16 +150,9 @@ def with_louder_noise(start: CleanStart, final: Estimate, rules: Rules) -> Clean
 
 
 def _at_level(start: CleanStart, noise: dict[str, float], treatment: DirtTreatment) -> CleanStart:
-    """The start with its noise at another level, the telemetry as it is."""
+    """The start with another treatment and its noise at another level, its fit as it is."""
     base = optimizer.with_noise(start.base, noise)
     return replace(start, base=base, noise=noise, treatment=treatment)
-
-
-def _restarted(
-    start: CleanStart, treatment: DirtTreatment, base: Estimate, fit: Estimate
-) -> CleanStart:
-    """The start with another treatment, its noise at the level that a fit with it leaves."""
-    return _at_level(replace(start, base=base), _noise(fit, treatment), treatment)
 
 
 def _treated(start: CleanStart, estimate: Estimate, treatment: DirtTreatment) -> Estimate:
@@ -209,7 +202,7 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
         fitted = known[0] if known else _treated(start, final, treatment)
         same = final is start.base
         base = fitted if same else _treated(start, start.base, treatment)
-        return _restarted(start, treatment, base, fitted)
+        return _at_level(replace(start, base=base), _noise(fitted, treatment), treatment)
     if final is start.base:
         return None
     noise = _noise(final, treatment)

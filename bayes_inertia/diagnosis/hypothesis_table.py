@@ -43,12 +43,11 @@ def log_prior_of_set(size: int, members: int) -> float:
     >>> [round(float(np.exp(log_prior_of_set(size, 10))), 4) for size in (0, 1, 2)]
     [0.5, 0.045, 0.001]
     """
-    choices = gammaln(members + 1) - gammaln(size + 1) - gammaln(members - size + 1)
     if size == 0:
         return float(np.log(1.0 - LIMITS.missing))
-    return float(
-        np.log(LIMITS.missing * (1.0 - LIMITS.further) * LIMITS.further ** (size - 1)) - choices
-    )
+    choices = gammaln(members + 1) - gammaln(size + 1) - gammaln(members - size + 1)
+    of_size = LIMITS.missing * (1.0 - LIMITS.further) * LIMITS.further ** (size - 1)
+    return float(np.log(of_size) - choices)
 
 
 def smallest_size(powers: np.ndarray, largest: float) -> float:
@@ -307,13 +306,8 @@ def given_random(system: System, member: RandomMember) -> Given:
     for signal, log_odds in zip(member.signals, member.log_shares, strict=True):
         shares, cross = _shares(signal), signal.cross
         matrix = np.array([cross.T @ (share[:, None] * cross) for share in shares])
-        parts.append(
-            Given(
-                _gains(signal) + log_odds,
-                system.matrix - matrix,
-                system.gradient - (shares * signal.gradient) @ cross,
-            )
-        )
+        gradient = system.gradient - (shares * signal.gradient) @ cross
+        parts.append(Given(_gains(signal) + log_odds, system.matrix - matrix, gradient))
     return Given(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 

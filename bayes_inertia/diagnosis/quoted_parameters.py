@@ -274,10 +274,8 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
             (listed if probability > LIMITS.least_probability else rest).append(own)
     if rest:
         weights = np.array([row.probability for row in rest])
-        means, covariances = (
-            np.array([r.mean for r in rest]),
-            np.array([r.covariance for r in rest]),
-        )
+        means = np.array([row.mean for row in rest])
+        covariances = np.array([row.covariance for row in rest])
         mean, spread, within = mixed(weights / weights.sum(), means, covariances)
         merged = "others", instead_of, float(weights.sum()), names, mean, within + spread
         listed.append(AlternativeParameters(*merged))
@@ -353,17 +351,13 @@ def _with_group(
     """The posterior with averaged draws (chains, draws, 9), and what they are averaged over."""
     import xarray as xr
 
-    group = xr.Dataset(
-        {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)},
-        coords=posterior.tree["posterior"].coords,
-    )
-    group["principal_moment"] = (
-        ("chain", "draw", "axis"),
-        inertia_tensor.principal_moments(draws[..., :6]),
-    )
+    dims = ("chain", "draw")
+    values: dict[str, Any] = {name: (dims, draws[..., i]) for i, name in enumerate(names)}
+    moments = inertia_tensor.principal_moments(draws[..., :6])
+    values["principal_moment"] = (*dims, "axis"), moments
     tree = posterior.tree.copy()
-    tree["averaged"] = xr.DataTree(group)
-    for name in (*names, "principal_moment"):
+    tree["averaged"] = xr.DataTree(xr.Dataset(values, coords=tree["posterior"].coords))
+    for name in values:
         source = "derived" if name == "principal_moment" else "posterior"
         tree["averaged"][name].attrs["units"] = tree[source][name].attrs.get("units", "")
     tree.attrs = posterior.tree.attrs | {

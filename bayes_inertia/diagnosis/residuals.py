@@ -207,8 +207,7 @@ def scan_windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
     length = shortest
     while length < 2 * rows:
         size = min(length, rows)
-        last = np.arange(0, rows - size + 1, max(1, size // 2))
-        starts = last if size < rows else np.zeros(1, int)
+        starts = np.arange(0, rows - size + 1, max(1, size // 2))
         pairs.append(np.stack([starts, starts + size]))
         length *= 2
     start, stop = np.concatenate(pairs, axis=1)
@@ -243,19 +242,14 @@ class ChannelScan:
         `residuals` (slews, rows, components, k). Returns (2, slews, w, components, k): normal
         scores of the mean's shift and of too large a mean square.
         """
-        shift = (
-            np.abs(_sums(residuals, self.start, self.stop))
-            / np.where(self.sd > 0, self.sd, np.inf)[..., None]
-        )
-        ratio = (
-            _sums(residuals**2, self.start, self.stop)
-            / np.where(self.energy > 0, self.energy, np.inf)[..., None]
-        )
+        # Where nothing was measured both are zero.
+        sd, expected = (np.where(x > 0, x, np.inf)[..., None] for x in (self.sd, self.energy))
+        shift = np.abs(_sums(residuals, self.start, self.stop)) / sd
+        ratio = _sums(residuals**2, self.start, self.stop) / expected
         # Wilson and Hilferty (1931): the cube root of a mean square is nearly normal.
-        spread = (2.0 / (9.0 * np.maximum(self.dof, 1e-3)))[..., None]
-        energy = np.where(
-            self.dof[..., None] > 0.5, (np.cbrt(ratio) - 1.0 + spread) / np.sqrt(spread), 0.0
-        )
+        dof = self.dof[..., None]
+        spread = 2.0 / (9.0 * np.maximum(dof, 1e-3))
+        energy = np.where(dof > 0.5, (np.cbrt(ratio) - 1.0 + spread) / np.sqrt(spread), 0.0)
         return np.stack([shift, np.maximum(energy, 0.0)])
 
 

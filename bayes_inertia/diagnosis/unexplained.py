@@ -533,19 +533,15 @@ def spectrum_of(time: np.ndarray, signal: np.ndarray) -> Spectrum:
     (0.1, True)
     """
     n = signal.shape[1]
+    padded = LIMITS.padding * n
     steps = (time[:, -1] - time[:, 0]) / (n - 1)
     window = np.hanning(n)
-    frequency = np.fft.rfftfreq(LIMITS.padding * n, steps.max())
+    frequency = np.fft.rfftfreq(padded, steps.max())
     swings = signal - signal.mean(1, keepdims=True)
-    transforms = np.fft.rfft(swings * window, LIMITS.padding * n, axis=1)
+    transforms = np.fft.rfft(swings * window, padded, axis=1)
     periodograms = np.abs(transforms) ** 2 / np.sum(window**2)
-    power = np.mean(
-        [
-            np.interp(frequency, np.fft.rfftfreq(LIMITS.padding * n, step), p)
-            for step, p in zip(steps, periodograms, strict=True)
-        ],
-        axis=0,
-    )
+    own = zip((np.fft.rfftfreq(padded, step) for step in steps), periodograms, strict=True)
+    power = np.mean([np.interp(frequency, *periodogram) for periodogram in own], axis=0)
     duration = n * float(np.median(steps))
     fast = frequency > LIMITS.slowest / duration
     peak = float(frequency[fast][np.argmax(power[fast])]) if fast.any() else 0.0
