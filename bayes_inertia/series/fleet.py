@@ -195,8 +195,10 @@ def fleet_told(told: Mapping[str, Sequence[Told]], settings: FleetSettings) -> F
     advice = "a fleet needs at least two: put the campaigns of each in a folder or list of its own"
     require(len(crafts) >= 2, "crafts", what, advice)
     summaries = [replace(product(own), campaign=name) for name, own in crafts.items()]
-    found = fleet_of(summaries, settings)
-    return replace(found, disagree=disagreeing(crafts, settings), left_out=left_out)
+    # Campaigns of one craft that differ more than campaigns of one J and K do.
+    rare = settings.disagree_p_value / len(crafts)
+    disagree = tuple(name for name, own in crafts.items() if p_value_of_same(own) < rare)
+    return replace(fleet_of(summaries, settings), disagree=disagree, left_out=left_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,14 +282,6 @@ def fleet_of(
     stated = [c if c.prior_correlation is None else c.with_prior_of(first) for c in crafts]
     of_each = own, scale * own_sd, *means_and_sds(stated)
     return Fleet(names, center, scale * sd, middle, low, high, *of_each, untied)
-
-
-def disagreeing(
-    crafts: Mapping[str, Sequence[LikelihoodSummary]], settings: FleetSettings
-) -> tuple[str, ...]:
-    """Spacecraft whose campaigns differ more than campaigns of one J and K do."""
-    rare = settings.disagree_p_value / len(crafts)
-    return tuple(name for name, told in crafts.items() if p_value_of_same(told) < rare)
 
 
 def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -36,9 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Part = Literal["J", "K"]
-OF_PART: Mapping[Part, slice] = MappingProxyType(
-    {"J": slice(0, len(ELEMENTS)), "K": slice(len(ELEMENTS), None)}
-)
+OF_PART: Mapping[Part, slice] = {"J": slice(0, len(ELEMENTS)), "K": slice(len(ELEMENTS), None)}
 
 
 def parts_of(n: int) -> tuple[Part, ...]:
@@ -261,9 +258,8 @@ def history_told(told: Sequence[Told], time: Any = None) -> History:
     series, left_out = usable(told)
     what = f"{len(series)} of {len(told)} campaigns have a result that can be used"
     require(len(series) >= 2, "sources", what, "give at least two whose fit is trusted")
-    when = None if time is None else _times(time, len(told), left_out)
-    if when is not None:
-        when = when[[one.summary is not None for one in told]]
+    kept = [one.summary is not None for one in told]
+    when = None if time is None else _times(time, len(told), left_out)[kept]
     return replace(history_of(_named_apart(series)), left_out=left_out, time=when)
 
 
@@ -285,10 +281,8 @@ def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
     """The series; campaigns of one name get their number."""
     count = Counter(summary.campaign for summary in series)
     return [
-        summary
-        if count[summary.campaign] == 1
-        else replace(summary, campaign=f"{summary.campaign} ({k})")
-        for k, summary in enumerate(series, 1)
+        replace(one, campaign=f"{one.campaign} ({k})") if count[one.campaign] > 1 else one
+        for k, one in enumerate(series, 1)
     ]
 
 
@@ -301,15 +295,11 @@ def weigh_changes(
     campaigns, parts = len(series), parts_of(series[0].mean.size)
     tried = _other_walks(ChangeHypothesis(), parts, changes)
     while new := [hypothesis for hypothesis in dict.fromkeys(tried) if hypothesis not in told]:
-        evidence = log_evidence(series, new).tolist()
-        prior = (log_prior(hypothesis, campaigns, changes, parts) for hypothesis in new)
-        told |= {
-            hypothesis: value + before
-            for hypothesis, value, before in zip(new, evidence, prior, strict=True)
-        }
-        best = sorted(told, key=told.__getitem__, reverse=True)[: changes.kept]
+        for hypothesis, value in zip(new, log_evidence(series, new).tolist(), strict=True):
+            told[hypothesis] = value + log_prior(hypothesis, campaigns, changes, parts)
+        order = sorted(told, key=told.__getitem__, reverse=True)
+        best = order[: changes.kept]
         tried = [more for row in best for more in _neighbours(row, campaigns, parts, changes)]
-    order = sorted(told, key=told.__getitem__, reverse=True)
     weights = np.array([told[hypothesis] for hypothesis in order])
     return WeighedChanges(tuple(order), np.exp(weights - logsumexp(weights)))
 
