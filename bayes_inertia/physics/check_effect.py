@@ -173,15 +173,12 @@ class _Bench:
     model: Model
     sigma: np.ndarray  # of the noise of all numbers
 
-    def _predict(self, x: Array) -> tuple[Array, ...]:
-        model = self.model
-        theta = jnp.concatenate([jnp.asarray(model.space.mean[: model.n_base]), x])
-        local = jnp.asarray(coefficient_draw(model))
-        return predict_all(model.structure, theta, local, jnp.zeros(model.n_bias), model.data)
-
     def __call__(self, x: Array) -> Array:
         """Telemetry (numbers,) in units of its noise."""
-        return _flat(self._predict(x)) / self.sigma
+        model = self.model
+        theta = jnp.concatenate([jnp.asarray(model.space.mean[: model.n_base]), x])
+        local, bias = jnp.asarray(coefficient_draw(model)), jnp.zeros(model.n_bias)
+        return _flat(predict_all(model.structure, theta, local, bias, model.data)) / self.sigma
 
 
 @partial(jax.jit, static_argnums=0, compiler_options=_COMPILED_QUICKLY)

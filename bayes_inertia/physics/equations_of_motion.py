@@ -124,9 +124,8 @@ class Body:
         """
         wheel = stacked(state.wheel)
         momentum_B = jnp.stack(quaternion.to_body_components(state.attitude, state.momentum_N))
-        rate = self.inverse @ (
-            momentum_B - self.axes_B @ wheel - self.internal(state.effect_states)
-        )
+        momentum_B = momentum_B - self.axes_B @ wheel - self.internal(state.effect_states)
+        rate = self.inverse @ momentum_B
         return rate, self.relative(wheel, rate)
 
     def internal(self, effect_states: Components, *moment: Any) -> Array:
@@ -237,12 +236,8 @@ def internal_momentum(
     total = jnp.zeros(3)
     for (effect, p), states in zip(active, effect_states, strict=True):
         if effect.acts("internal_momentum"):
-            hook = effect.internal_momentum
-            total = total + (
-                hook(p, context, states)
-                if states.ndim == 1
-                else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states)
-            )
+            own = partial(effect.internal_momentum, p, context)
+            total = total + (own(states) if states.ndim == 1 else jax.vmap(own)(states))
         if effect.acts("carried_momentum") and inputs is not None and t is not None:
             carried = partial(effect.carried_momentum, p, context)
             whole = inputs[effect.inputs[0]].ndim == 2
@@ -281,14 +276,8 @@ def state_slope(body: Body, fraction: Any, x: SlewState, inputs: StepInputs) -> 
         return SlewState(attitude_rate, _zeros(x.momentum_N), _zeros(x.wheel), ())
     rate_B = jnp.stack(rate)
     environment = [value(coefficients, fraction) for coefficients in inputs.environment]
-    state = State(
-        jnp.stack(attitude),
-        rate_B,
-        body.relative(stacked(wheel), rate_B),
-        jnp.zeros(0),
-        body.locked,
-        *environment,
-    )._replace(inputs=devices)
+    motion = jnp.stack(attitude), rate_B, body.relative(stacked(wheel), rate_B)
+    state = State(*motion, jnp.zeros(0), body.locked, *environment, devices)
     external, wheel_torque, own_rates = _effect_slopes(body, t, state, x.effect_states)
     momentum_rate = _zeros(x.momentum_N)
     if active.act("body_torque"):

@@ -313,12 +313,10 @@ def base_space(
     inertia: InertiaPrior, sensor: RateSensor | None, known: GaussianPrior | None = None
 ) -> ParameterSpace:
     """J and K as they are known before flight; `known`: their joint prior, None without one."""
-    elements = zip(
-        inertia_tensor.ELEMENTS, inertia.elements.tolist(), inertia.sd.tolist(), strict=True
-    )
+    elements = inertia_tensor.ELEMENTS, inertia.elements.tolist(), inertia.sd.tolist()
     entries: list[tuple[str, Parameter]] = [
         ("", scalar(name, unit="kg m^2", prior=Normal(mean, sd), null=mean))
-        for name, mean, sd in elements
+        for name, mean, sd in zip(*elements, strict=True)
     ]
     factors = zip(sensor.scale_factor, sensor.scale_factor_sigma, strict=True) if sensor else ()
     entries += [

@@ -65,16 +65,16 @@ def integration_plan(
         for hook in LOOKING_BACK
     )
     spacing = min(longest, longest_step(campaign)) if looks_back else longest
-    if any(_needs_each_row(effect, campaign) for effect in effects):
-        return IntegrationPlan(spacing, 1)
-    if max(len(slew.time) for slew in campaign.slews) < NUMERICS.rows_of_long_slew:
-        return IntegrationPlan(spacing, 1)
+    row_by_row = IntegrationPlan(spacing, 1)
+    short = max(len(slew.time) for slew in campaign.slews) < NUMERICS.rows_of_long_slew
+    if short or any(_needs_each_row(effect, campaign) for effect in effects):
+        return row_by_row
     rows = _cheapest(campaign, spacing, longest)
-    for fewer in (r for r in NUMERICS.rows_per_step if r <= rows):
+    for fewer in (r for r in NUMERICS.rows_per_step if 1 < r <= rows):
         plan = IntegrationPlan(min(spacing, longest / fewer), fewer)
-        if fewer == 1 or _follows_the_wheels(campaign, plan, drive, motion):
+        if _follows_the_wheels(campaign, plan, drive, motion):
             return plan
-    return IntegrationPlan(spacing, 1)
+    return row_by_row
 
 
 def _needs_each_row(effect: Effect, campaign: Campaign) -> bool:

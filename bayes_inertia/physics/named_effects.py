@@ -114,8 +114,7 @@ def load_effect(reference: EffectReference) -> Effect:
 def effects_in_file(path: Path) -> tuple[Effect, ...]:
     """All effects that a file defines, in its order."""
     require_rule(path.suffix == ".py", path, "python_file")
-    reference = EffectReference(str(path), "")
-    module = _module(reference)
+    module = _module_of_file(EffectReference(str(path), ""))
     names = _classes_of(module)
     require_rule(bool(names), path, "defines_effects")
     return tuple(_instance(getattr(module, n), EffectReference(str(path), n)) for n in names)
@@ -305,8 +304,8 @@ def split_settings(name: str) -> tuple[str, dict[str, str]]:
 
 def _effect_named(name: str) -> Effect:
     plain, settings = split_settings(name)
-    reference = reference_of(plain)
-    if reference is None or _of_library(plain) is not None:
+    reference = _from_outside(plain)
+    if reference is None:
         return with_settings(by_name([plain])[0], settings)
     effect = load_effect(reference)
     require_own_name(effect, str(reference))
@@ -315,16 +314,17 @@ def _effect_named(name: str) -> Effect:
 
 def _pinned_name(name: str) -> str:
     plain, _ = split_settings(name)
-    reference = reference_of(plain)
-    if reference is None or _of_library(plain) is not None:
+    reference = _from_outside(plain)
+    if reference is None:
         return name
     _check_traceable(_effect_named(name))
     return f"{pinned(reference)}{name.removeprefix(plain)}"
 
 
-def _of_library(name: str) -> Effect | None:
-    known = (effect for effect in (*LIBRARY, *STOCHASTIC) if effect.name == name)
-    return next(known, None)
+def _from_outside(name: str) -> EffectReference | None:
+    """The reference that a name is; none for a name of the library, whoever else declares it."""
+    known = any(effect.name == name for effect in (*LIBRARY, *STOCHASTIC))
+    return None if known else reference_of(name)
 
 
 def _check_traceable(effect: Effect) -> None:

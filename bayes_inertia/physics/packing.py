@@ -70,19 +70,17 @@ class Arrays(NamedTuple):
     reference: Start
 
 
-def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
+def refined_grid(time: np.ndarray, max_step: float) -> tuple[np.ndarray, np.ndarray]:
     """Integration times that contain every sample time.
 
-    `time` (n,) [s]. `max_step`: longest step of the grid [s]; None takes the samples as they are.
-    Returns `grid` (m,) [s]; `sample` (n,): index of each sample in the grid.
+    `time` (n,) [s]. `max_step`: longest step of the grid [s]. Returns `grid` (m,) [s]; `sample`
+    (n,): index of each sample in the grid.
 
     Examples
     --------
     >>> refined_grid(np.array([0.0, 1.0, 1.5]), 0.5)
     (array([0. , 0.5, 1. , 1.5]), array([0, 2, 3]))
     """
-    if max_step is None:
-        return time, np.arange(len(time))
     wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
     if not wanted.sum() < NUMERICS.most_grid_points:
         what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
@@ -221,10 +219,8 @@ def _next_multiple(n: int, multiple: int) -> int:
 def on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
     """What a slew has of this name on a grid (m,) from its first row [s], (m, width)."""
     values = getattr(slew, key)
-    if values is None:
+    if values is None or not width:
         return np.zeros((len(grid), width))
-    if not width:
-        return np.zeros((len(grid), 0))
     time = slew.time - slew.time[0]
     return np.stack([bridged(grid, time, column) for column in values.T], -1)
 

@@ -262,9 +262,7 @@ class Parameter:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the components: `name_component`, or just the name."""
-        return (
-            tuple(f"{self.name}_{c}" for c in self.components) if self.components else (self.name,)
-        )
+        return tuple(f"{self.name}_{c}" for c in self.components) or (self.name,)
 
 
 def scalar(name: str, *, unit: str, prior: Prior, null: float = 0.0) -> Parameter:
@@ -509,9 +507,8 @@ class ParameterSpace:
             Physical values; J is not checked (`Model.draw_prior` does).
         """
         rng = np.random.default_rng(rng)
-        drawn = np.stack(
-            [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
-        ).reshape(n, self.size)
+        columns = [p.distribution.rvs(n, random_state=rng) for p in self.priors]
+        drawn = np.stack(columns, axis=-1).reshape(n, self.size)
         if self.correlation is None:
             return drawn
         together = np.any(self.correlation != np.eye(self.size), axis=1)
@@ -609,11 +606,8 @@ def log_prior(constants: Mapping[str, Array], flat: Array) -> Array:
     >>> log_prior(space.constants(), jnp.array([[2.0], [-1.0]])).tolist()
     [-2.0, -inf]
     """
-    inside = (
-        (flat >= constants["lower"])
-        & (flat <= constants["upper"])
-        & ~(constants["logarithmic"] & (flat <= 0.0))
-    )
+    inside = (flat >= constants["lower"]) & (flat <= constants["upper"])
+    inside = inside & ~(constants["logarithmic"] & (flat <= 0.0))
     measure = jnp.where(constants["logarithmic"], jnp.log(jnp.maximum(flat, 1e-300)), 0.0)
     density = -0.5 * jnp.sum(prior_residual(constants, flat) ** 2, -1) - jnp.sum(measure, -1)
     return jnp.where(jnp.all(inside, -1), density, -jnp.inf)

@@ -19,8 +19,7 @@ def slew_fraction(slew: SlewContext, t: Array) -> Array:
 
     `t` (...) [s]. Returns (...): 0 at its first row, 1 at its last.
     """
-    first = slew.time[0]
-    return (t - first) / slew_duration(slew)
+    return (t - slew.time[0]) / slew_duration(slew)
 
 
 def slew_duration(slew: SlewContext) -> Array:

@@ -44,9 +44,8 @@ def small_campaign() -> Campaign:
 def _small_slew(index: int, push: np.ndarray, tensor: np.ndarray, axes: np.ndarray) -> Slew:
     """Turn up, coast, and turn down, with some ripple on the torques."""
     time, start = np.arange(64.0), 300.0 * index
-    profile = np.where((time >= 8) & (time < 24), 1.0, 0.0) - np.where(
-        (time >= 38) & (time < 54), 1.0, 0.0
-    )
+    up, down = ((time >= first) & (time < first + 16) for first in (8, 38))
+    profile = up.astype(float) - down
     torque = push * profile[:, None] * (1.0 + 0.1 * np.sin(0.7 * time[:, None] + np.arange(3)))
     slew = idle_slew(time, wheel_axes_B=axes, spin_inertia=np.full(3, 1e-3), torque=torque)
     first = Start(

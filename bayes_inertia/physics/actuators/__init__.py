@@ -6,7 +6,6 @@ They are in every model of the campaign: no candidates of a diagnosis, and known
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
@@ -25,14 +24,12 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 __all__ = ["KINDS", "DeviceEffect", "effects_of", "noise_of_inputs", "ties_of_scale"]
 
 # Which effect a device is.
-KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
-    {
-        KnownTorque: ToldTorque,
-        Magnetorquer: TorquerTorque,
-        Thruster: ThrusterTorque,
-        GimballedRotors: RotorMomentum,
-    }
-)
+KINDS: Mapping[type, type[DeviceEffect]] = {
+    KnownTorque: ToldTorque,
+    Magnetorquer: TorquerTorque,
+    Thruster: ThrusterTorque,
+    GimballedRotors: RotorMomentum,
+}
 
 
 def effects_of(campaign: Campaign) -> tuple[Effect, ...]:

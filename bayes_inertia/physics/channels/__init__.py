@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import streams_of
@@ -23,14 +22,12 @@ from bayes_inertia.physics.slew_input import Drive
 __all__ = ["KINDS", "Channel", "Readings", "channels_of"]
 
 # Which class models a stream.
-KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
-    {
-        RateStream: RateChannel,
-        AttitudeStream: AttitudeChannel,
-        MomentumStream: MomentumChannel,
-        DirectionStream: DirectionChannel,
-    }
-)
+KINDS: Mapping[type[SensorStream], type[Channel]] = {
+    RateStream: RateChannel,
+    AttitudeStream: AttitudeChannel,
+    MomentumStream: MomentumChannel,
+    DirectionStream: DirectionChannel,
+}
 
 
 def _named(channel: Channel, campaign: Campaign) -> Channel:

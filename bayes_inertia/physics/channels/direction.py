@@ -69,8 +69,7 @@ class DirectionChannel(SeparateColumns):
     def of_campaign(self, campaign: Campaign) -> DirectionChannel:
         """The channel of this sensor: what decides compiled code."""
         sensor = self.stream.hardware(campaign)
-        sizes = (sensor.offset_sigma, sensor.scale_sigma, sensor.soft_iron_sigma)
-        errors = tuple(e for e, size in zip(_ERRORS, sizes, strict=True) if size > 0.0)
+        errors = tuple(e for e in _ERRORS if getattr(sensor, f"{e}_sigma") > 0.0)
         return replace(self, is_field=sensor.is_field, errors=errors)
 
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
@@ -94,14 +93,11 @@ class DirectionChannel(SeparateColumns):
     def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Offset, scale and soft iron of a magnetometer, as far as their sds are stated."""
         sensor = self.stream.hardware(campaign)
-        return tuple(
-            scalar(
-                f"{error}_{axis}", unit=unit, prior=Normal(0.0, getattr(sensor, f"{error}_sigma"))
-            )
-            for error, (unit, axes) in _ERRORS.items()
-            if error in self.errors
-            for axis in axes
-        )
+        found = []
+        for error in self.errors:
+            (unit, axes), prior = _ERRORS[error], Normal(0.0, getattr(sensor, f"{error}_sigma"))
+            found += [scalar(f"{error}_{axis}", unit=unit, prior=prior) for axis in axes]
+        return tuple(found)
 
     def constants(self, campaign: Campaign) -> DirectionConstants:
         """References of all slews, the last one of each repeated to one length."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from bayes_inertia.physics.densities.density import Density
 from bayes_inertia.physics.densities.gaussian import Gaussian
@@ -12,4 +11,4 @@ from bayes_inertia.physics.densities.student_t import StudentT
 __all__ = ["FAMILIES", "Density"]
 
 # By name; a new family is one file and its entry here.
-FAMILIES: Mapping[str, Density] = MappingProxyType({d.name: d for d in (Gaussian(), StudentT())})
+FAMILIES: Mapping[str, Density] = {d.name: d for d in (Gaussian(), StudentT())}

@@ -112,9 +112,8 @@ def _momentum(campaign):
 
 
 def _turn(campaign):
-    return (
-        NUMERICS.formula_turn * campaign.star_tracker.sigma_cross if campaign.star_tracker else 5e-4
-    )
+    tracker = campaign.star_tracker
+    return NUMERICS.formula_turn * tracker.sigma_cross if tracker else 5e-4
 
 
 PLACES: Mapping[str, Place] = {
@@ -460,9 +459,8 @@ class Formula(RowByRow):
         if self.form == "full":
             return jnp.reshape(c, (-1, len(d))) @ d
         if self.form == "hollow":
-            return (
-                jnp.zeros((len(d), len(d))).at[np.nonzero(~np.eye(len(d), dtype=bool))].set(c) @ d
-            )
+            beside = np.nonzero(~np.eye(len(d), dtype=bool))
+            return jnp.zeros((len(d), len(d))).at[beside].set(c) @ d
         if self.form in ("diagonal", "scalar"):
             return c * d
         if self.form == "cross":
@@ -558,10 +556,8 @@ def _labels(kind: str, campaign) -> tuple[str, ...]:
 def _typical(unit: Mapping[str, int], campaign) -> float:
     """Size of what has this unit, from the motion."""
     rate, duration, inertia = campaign.scale_of_motion()
-    time = unit.get("s", 0)
-    size = (inertia * rate / duration) ** unit.get("N m", 0) * NUMERICS.formula_field ** unit.get(
-        "T", 0
-    )
+    torque, field, time = (unit.get(name, 0) for name in ("N m", "T", "s"))
+    size = (inertia * rate / duration) ** torque * NUMERICS.formula_field**field
     return size * (duration if time > 0 else 1.0 / rate) ** time
 
 

@@ -7,7 +7,6 @@ import re
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from types import MappingProxyType
 from typing import Any, cast
 
 import pydantic
@@ -40,25 +39,18 @@ from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
 
 # What may be wrong with a device, by its record.
-KINDS: Mapping[Any, tuple[Effect, ...]] = MappingProxyType(
-    {
-        RateSensor: (
-            RateBias(),
-            RateBiasDrift(),
-            RateSensorMisalignment(),
-            RateSensorDelay(),
-            RateSensorNonlinearity(),
-        ),
-        StarTracker: (StarTrackerMisalignment(), StarTrackerShift(), StarTrackerTimeOffset()),
-        DirectionSensor: (
-            DirectionMisalignment(),
-            DirectionDelay(),
-            FieldOffset(),
-            FieldScale(),
-        ),
-        Actuator: (ActuatorGain(), ActuatorDirection(), ActuatorEachGain(), ActuatorDelay()),
-    }
-)
+KINDS: Mapping[Any, tuple[Effect, ...]] = {
+    RateSensor: (
+        RateBias(),
+        RateBiasDrift(),
+        RateSensorMisalignment(),
+        RateSensorDelay(),
+        RateSensorNonlinearity(),
+    ),
+    StarTracker: (StarTrackerMisalignment(), StarTrackerShift(), StarTrackerTimeOffset()),
+    DirectionSensor: (DirectionMisalignment(), DirectionDelay(), FieldOffset(), FieldScale()),
+    Actuator: (ActuatorGain(), ActuatorDirection(), ActuatorEachGain(), ActuatorDelay()),
+}
 # Kinds of sensors whose first one has effects of the library.
 _FIRST = (RateSensor, StarTracker)
 _NAME = re.compile(r"(?P<kind>\w+)\[(?P<device>.+)\]")

@@ -51,9 +51,8 @@ class StarTrackerTimeOffset(Effect):
     def attitude_output(self, p, slew, trajectory, attitude):
         rate, step = trajectory.rate_B, slew.step
         # Angle turned since the first row: the integral of the piecewise linear rate.
-        turned = jnp.cumsum(
-            0.5 * (rate + jnp.concatenate([rate[1:], rate[-1:]])) * step[:, None], axis=0
-        )
+        mean = 0.5 * (rate + jnp.concatenate([rate[1:], rate[-1:]]))
+        turned = jnp.cumsum(mean * step[:, None], axis=0)
         turned = jnp.concatenate([jnp.zeros((1, 3)), turned[:-1]])
         steps = jnp.sum(step > 0.0)
         times = slew.time - p["tau"]

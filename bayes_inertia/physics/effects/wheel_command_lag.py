@@ -47,12 +47,11 @@ class WheelCommandLag(Effect):
         slow = tau > slew.step / 500.0
         decay = jnp.where(slow, jnp.exp(-slew.step / jnp.where(slow, tau, 1.0)), 0.0)
         decay = jnp.where(slew.step > 0.0, decay, 1.0)
-        weight = jnp.where(
-            slew.step > 0.0, tau / jnp.where(slew.step > 0.0, slew.step, 1.0), 1.0
-        ) * (1.0 - decay)
+        share = jnp.where(slew.step > 0.0, tau / jnp.where(slew.step > 0.0, slew.step, 1.0), 1.0)
+        weight = share * (1.0 - decay)
 
         def interval(y, row):
-            u, kept, share = row
-            return u + (y - u) * kept, u + (y - u) * share
+            u, kept, taken = row
+            return u + (y - u) * kept, u + (y - u) * taken
 
         return jax.lax.scan(interval, torque[0], (torque, decay, weight))[1]
