@@ -14,8 +14,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
-from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_noise import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
 from bayes_inertia.physics.processes import Process
 

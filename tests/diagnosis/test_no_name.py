@@ -16,7 +16,7 @@ from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerRemainder
-from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueRemainder
+from bayes_inertia.physics.effects.torque_noise import WheelTorqueRemainder
 from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.fit_sections import diagnosis_sections

@@ -26,9 +26,8 @@ from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.maths.kept_programs import IN_MEMORY
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
-from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
-from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
-from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_bias import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_noise import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 
 

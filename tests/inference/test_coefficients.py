@@ -21,8 +21,8 @@ from bayes_inertia.inference.marginal_posterior import (
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import stochastic_signals
 from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
-from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
-from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_bias import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_noise import RateRandomWalk
 from bayes_inertia.physics.effects.torque_noise import TorqueNoise
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import log_prior

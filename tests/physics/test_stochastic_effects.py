@@ -15,7 +15,7 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, by_name
-from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_bias import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import (
     hat_functions,

@@ -1,4 +1,4 @@
-"""The effect library: one small file per effect, and the tuple of those tried by default.
+"""The effect library: one small file for each kind, and the tuple of those tried by default.
 
 The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
 belongs in a file of your own: hand an instance to `Model` (see
@@ -21,11 +21,12 @@ from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.effects.of_device import OfDevice
 from bayes_inertia.physics.effects.of_device import candidates_in as candidates_in
-from bayes_inertia.physics.effects.rate_bias import RateBias
-from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
-from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability, RateRemainder
-from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
-from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_bias import RateBias, RateBiasDrift, RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_noise import (
+    RateBiasInstability,
+    RateRandomWalk,
+    RateRemainder,
+)
 from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
 from bayes_inertia.physics.effects.sensor_misalignment import (
@@ -39,13 +40,17 @@ from bayes_inertia.physics.effects.tachometer_noise_walk import (
     TachometerNoiseWalk,
     TachometerRemainder,
 )
-from bayes_inertia.physics.effects.torque_noise import TorqueNoise, TorqueRemainder
+from bayes_inertia.physics.effects.torque_noise import (
+    TorqueNoise,
+    TorqueRemainder,
+    WheelTorqueNoise,
+    WheelTorqueRemainder,
+)
 from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
 from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
 from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
 from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
-from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise, WheelTorqueRemainder
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 LIBRARY: tuple[Effect, ...] = (

@@ -25,8 +25,7 @@ from bayes_inertia.physics.effects.actuator_errors import (
     ActuatorGain,
 )
 from bayes_inertia.physics.effects.field_errors import FieldOffset, FieldScale
-from bayes_inertia.physics.effects.rate_bias import RateBias
-from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
+from bayes_inertia.physics.effects.rate_bias import RateBias, RateBiasDrift
 from bayes_inertia.physics.effects.rate_sensor_delay import DirectionDelay, RateSensorDelay
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
 from bayes_inertia.physics.effects.sensor_misalignment import (
