@@ -16,7 +16,7 @@ import sys
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -122,16 +122,11 @@ def effects_in_file(path: Path) -> tuple[Effect, ...]:
 
 def pinned(reference: EffectReference) -> EffectReference:
     """The reference with an absolute path and the digest of the file as it is now."""
-    source = reference.source
     if reference.is_file:
-        path = Path(source).resolve()
-        source = str(path)
-    else:
-        file = importlib.import_module(source).__file__
-        if file is None:
-            return reference
-        path = Path(file)
-    return EffectReference(source, reference.attribute, _digest(read_bytes(path)))
+        path = Path(reference.source).resolve()
+        return replace(reference, source=str(path), digest=_digest(read_bytes(path)))
+    file = importlib.import_module(reference.source).__file__
+    return replace(reference, digest=_digest(read_bytes(Path(file)))) if file else reference
 
 
 def _module(reference: EffectReference) -> ModuleType:

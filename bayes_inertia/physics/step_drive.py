@@ -100,21 +100,19 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     return xp.where((grid.length > 0.0)[:, None, None], weights @ legendre, still)
 
 
-class _MomentRule(NamedTuple):
-    points: np.ndarray  # of Gauss in 0 to 1, with their shares exact for degree five
-    shares: np.ndarray
-    legendre: np.ndarray  # orthogonal on 0 to 1: each row the coefficients of 1, s, s^2, ...
-    norm: np.ndarray  # one over the mean square of each
-
-
 @cache
-def _moment_rule(degree: int) -> _MomentRule:
+def _moment_rule(degree: int) -> tuple[np.ndarray, ...]:
+    """Points of Gauss in 0 to 1 and their shares, exact for degree five; Legendre's polynomials.
+
+    These are orthogonal on 0 to 1: each row the coefficients of 1, s, s^2, ...; and one over the
+    mean square of each.
+    """
     power = np.arange(degree + 1)
     order = power[:, None]
     legendre = comb(order, power) * comb(order + power, power) * (-1.0) ** (order - power)
     points = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
     shares = np.array([5.0, 8.0, 5.0]) / 18.0
-    return _MomentRule(points, shares, legendre + 0.0, 2.0 * power + 1.0)  # no -0.0
+    return points, shares, legendre + 0.0, 2.0 * power + 1.0  # no -0.0
 
 
 def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:

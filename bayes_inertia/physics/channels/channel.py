@@ -143,9 +143,8 @@ class Channel(ABC):
 
     def is_read(self, campaign: Campaign) -> bool:
         """Whether there are readings to compare."""
-        return self.compared and any(
-            self.readings(campaign, slew).valid.any() for slew in campaign.slews
-        )
+        read = (self.readings(campaign, slew).valid.any() for slew in campaign.slews)
+        return self.compared and any(read)
 
     def constants(self, campaign: Campaign) -> Any:
         """Numbers of the sensor that its prediction needs: a pytree, empty by default."""

@@ -155,12 +155,9 @@ class RateChannel(Channel):
 
     def shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
         """Readings (n, k) by momentum along axes (3, k) in the body."""
-        sensor = self.stream.hardware(campaign)
-        return (
-            sensor.axes
-            @ np.linalg.solve(_locked_inertia(campaign, theta), axes_B)
-            / np.asarray(theta[slice(*self.parameters)])[: len(sensor.axes), None]
-        )
+        axes = self.stream.hardware(campaign).axes
+        rates_B = np.linalg.solve(_locked_inertia(campaign, theta), axes_B)
+        return axes @ rates_B / np.asarray(theta[slice(*self.parameters)])[: len(axes), None]
 
     def variance(self, noise: np.ndarray) -> np.ndarray:
         """Whitened readings have one over these as sigmas."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax.numpy as jnp
 
@@ -38,10 +39,8 @@ class WheelMisalignment(Effect):
     sigma: float = 3e-3
 
     def parameters(self, campaign):
-        prior = Normal(0.0, self.sigma)
-        return tuple(
-            p for i in (1, 2) for p in per_wheel(campaign, f"tilt_{i}", unit="rad", prior=prior)
-        )
+        tilt = partial(per_wheel, campaign, unit="rad", prior=Normal(0.0, self.sigma))
+        return (*tilt("tilt_1"), *tilt("tilt_2"))
 
     def wheel_axes(self, p, slew, axes_B):
         if not p:
