@@ -90,9 +90,8 @@ def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
     from scipy.signal import cont2discrete
 
     omega = 2.0 * np.pi * frequency
-    above, below, _ = cont2discrete(
-        ([1.0, 0.0, 0.0], [1.0, 2.0 * LIMITS.damping_ratio * omega, omega**2]), step, method="foh"
-    )
+    oscillator = [1.0, 0.0, 0.0], [1.0, 2.0 * LIMITS.damping_ratio * omega, omega**2]
+    above, below, _ = cont2discrete(oscillator, step, method="foh")
     return np.ravel(above), below
 
 
@@ -165,9 +164,8 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
     if mode is None or first not in estimate.free:
         return estimate
     without = without_effects(estimate, {mode.name})
-    best = best_flexible_mode(
-        mode.name, torque_response(without), without.linearised(), float(space.sd[first] ** 2)
-    )
+    fit, scale = without.linearised(), float(space.sd[first] ** 2)
+    best = best_flexible_mode(mode.name, torque_response(without), fit, scale)
     restarted = re_estimate(without, theta_with_mode(without, best), estimate.free)
     return restarted if restarted.objective < estimate.objective else estimate
 

@@ -178,9 +178,8 @@ def largest_shifts(
     >>> shift.round(6).tolist(), amplitude.round(6).tolist()
     ([0.001, 2.0], [[0.001, 0.0], [0.0, 2.0]])
     """
-    towards = np.linalg.solve(
-        data + np.eye(len(data)) / LIMITS.hidden_amplitude**2, shift_per_amplitude.T
-    ).T
+    matrix = data + np.eye(len(data)) / LIMITS.hidden_amplitude**2
+    towards = np.linalg.solve(matrix, shift_per_amplitude.T).T
     shift = np.sqrt(np.maximum(np.sum(shift_per_amplitude * towards, 1), 0.0))
     return shift, towards / np.maximum(shift, 1e-300)[:, None]
 

@@ -78,25 +78,6 @@ def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: floa
     return fitted
 
 
-def beyond_prior(
-    final: Estimate, effects: tuple[str, ...], rules: Rules
-) -> tuple[BeyondPrior, ...]:
-    """List the effects that are larger than their priors allow.
-
-    `rules`: how far a parameter may lie from where it does nothing.
-    """
-    scales = {effect.name: effect.prior_scale for effect in final.model.effects}
-    space, rows = final.model.space, []
-    for effect in effects:
-        distances = np.abs(_distances(final, effect)) * scales[effect]
-        if distances.max(initial=0.0) <= rules.prior_sd_at_most:
-            continue
-        k = space.slice_of(effect).start + int(np.argmax(distances))
-        name, found = space.names[k].split(".", 1)[1], (float(final.theta[k]), space.units[k])
-        rows.append(BeyondPrior(effect, name, *found, float(distances.max()), scales[effect]))
-    return tuple(rows)
-
-
 def _distances(fitted: Estimate, effect: str) -> np.ndarray:
     """How far each amplitude lies from where it does nothing [prior sd]; 0 for shapes."""
     space = fitted.model.space
@@ -436,8 +417,16 @@ class Diagnosis:
     @property
     def beyond_prior(self) -> tuple[BeyondPrior, ...]:
         """Effects named that are larger than their priors allow."""
-        names = tuple(step.added for step in self.steps if step.added in self.named)
-        return beyond_prior(self.final, names, self.rules)
+        final, space, rows = self.final, self.final.model.space, []
+        scales = {effect.name: effect.prior_scale for effect in final.model.effects}
+        for effect in (step.added for step in self.steps if step.added in self.named):
+            distances = np.abs(_distances(final, effect)) * scales[effect]
+            if distances.max(initial=0.0) <= self.rules.prior_sd_at_most:
+                continue
+            k = space.slice_of(effect).start + int(np.argmax(distances))
+            name, found = space.names[k].split(".", 1)[1], (float(final.theta[k]), space.units[k])
+            rows.append(BeyondPrior(effect, name, *found, float(distances.max()), scales[effect]))
+        return tuple(rows)
 
     @property
     def dirt(self) -> tuple[Dirt, ...]:

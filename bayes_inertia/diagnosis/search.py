@@ -313,10 +313,8 @@ def _with_likely_noise(begin: CleanStart, search: Search) -> tuple[Weighed, dict
 
 def _is_white(weighed: Weighed, rules: Rules) -> bool:
     """Whether correlated noise leaves only noise in the channels that are said to have it."""
-    tests = weighed.final.final_tests
-    return is_explained(
-        {channel: tests[channel] for channel in weighed.begin.treatment.colour}, rules
-    )
+    tests, coloured = weighed.final.final_tests, weighed.begin.treatment.colour
+    return is_explained({channel: tests[channel] for channel in coloured}, rules)
 
 
 def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -33,17 +33,6 @@ from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import without_slow_error
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-
-class _SensorTangents(NamedTuple):
-    """One channel's readings, their rows of the grid (slews, rows), and how they follow the start.
-
-    `by_start` (slews, rows, components, 6): in sigmas per change of the start state.
-    """
-
-    fit: SensorAtFit
-    rows: np.ndarray
-    by_start: np.ndarray
 
 
 @array_dataclass
@@ -110,8 +99,11 @@ class TorqueResponse:
         return np.concatenate(parts, 1)
 
     @cached_property
-    def _sensor_tangents(self) -> list[_SensorTangents]:
-        """How each channel's predictions follow the start state."""
+    def _sensor_tangents(self) -> list[tuple[SensorAtFit, np.ndarray, np.ndarray]]:
+        """Each channel's readings, their rows of the grid (slews, rows), how they follow the start.
+
+        The last (slews, rows, components, 6): in sigmas per change of the start state.
+        """
         estimate, found = self.estimate, []
         model, slews = estimate.model, np.arange(len(self.time))[:, None]
         telemetry = model.data.arrays.telemetry
@@ -121,7 +113,7 @@ class TorqueResponse:
             fit = SensorAtFit(model.campaign, estimate.theta, readings, np.asarray(white.factors))
             moved = self.transition[slews, rows]
             by_start = channel.whitened_motion(fit, moved[:, :, :3], moved[:, :, 3:])
-            found.append(_SensorTangents(fit, rows, by_start))
+            found.append((fit, rows, by_start))
         return found
 
     @cached_property
