@@ -379,9 +379,8 @@ def _seen_jump(
         mean, covariance = parts[k]
         sizes.append(mean[after + 1] - mean[after])
         both = covariance[before, before] + covariance[next_one, next_one]
-        variances.append(
-            np.diag(both - covariance[before, next_one] - covariance[next_one, before])
-        )
+        change = both - covariance[before, next_one] - covariance[next_one, before]
+        variances.append(np.diag(change))
     size = w @ np.array(sizes)
     sd = np.sqrt(w @ (np.array(variances) + (np.array(sizes) - size) ** 2))
     probability = ways.probability_of(has(hypothesis) for hypothesis in ways.hypotheses)
@@ -456,9 +455,8 @@ def smoothed(
     """
     first, campaigns = series[0], len(series)
     unit, n = unit_of(first), first.mean.size
-    grown = np.cumsum(
-        [np.zeros(n), *(hypothesis.step_variance(k, n) for k in range(campaigns - 1))], axis=0
-    )
+    steps = (hypothesis.step_variance(k, n) for k in range(campaigns - 1))
+    grown = np.cumsum([np.zeros(n), *steps], axis=0)
     earlier = np.minimum.outer(np.arange(campaigns), np.arange(campaigns))
     changed = np.einsum("klp,pq->kplq", grown[earlier] * unit**2, np.eye(n))
     prior = (changed + first.prior_matrix[:, None]).reshape(campaigns * n, -1)
