@@ -275,9 +275,9 @@ def state_slope(body: Body, fraction: Any, x: SlewState, inputs: StepInputs) -> 
     if not active:
         return SlewState(attitude_rate, _zeros(x.momentum_N), _zeros(x.wheel), ())
     rate_B = jnp.stack(rate)
-    environment = [value(coefficients, fraction) for coefficients in inputs.environment]
+    environment = Environment(*(value(line, fraction) for line in inputs.environment))
     motion = jnp.stack(attitude), rate_B, body.relative(stacked(wheel), rate_B)
-    state = State(*motion, jnp.zeros(0), body.locked, *environment, inputs=devices)
+    state = State(*motion, jnp.zeros(0), body.locked, *environment, devices)
     external, wheel_torque, own_rates = _effect_slopes(body, t, state, x.effect_states)
     momentum_rate = _zeros(x.momentum_N)
     if active.act("body_torque"):
