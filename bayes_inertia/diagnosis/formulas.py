@@ -153,21 +153,20 @@ def drivers(response: TorqueResponse) -> Iterator[Followed]:
 def _allowed(place: str, key: str, model: Model) -> bool:
     """Whether a place goes with a driver in a campaign."""
     driver, campaign = driver_of(key), model.campaign
+    if not knows(place, key):
+        return False
     if PLACES[place].rows == "wheels":
         # Where tachometers drive the model, torques on the wheels do nothing.
         acts = bool(campaign.wheels) and model.structure.drive == "commanded"
-        return acts and knows(place, key) and not (driver.of_one_wheel or driver.needs)
-    if place == "inertial_torque" and driver.columns not in ("one", "wheels"):
-        return False
-    if driver.of_rate and place != "rate_error":
-        return False
+        return acts and not (driver.of_one_wheel or driver.needs)
     if place == "rate_error":
         sensor = campaign.rate_sensor
         if sensor is None or key == "wheel_rates":  # The body's rates once more.
             return False
         # Of other axes K is no diagonal of C: free once more it would not be known.
-        return knows(place, key) and ((place, key) != _OF_K or _is_along_body_axes(sensor))
-    return knows(place, key)
+        return (place, key) != _OF_K or _is_along_body_axes(sensor)
+    turns = place == "inertial_torque" and driver.columns not in ("one", "wheels")
+    return not (turns or driver.of_rate)
 
 
 def _is_along_body_axes(sensor: RateSensor) -> bool:
