@@ -148,8 +148,7 @@ def _module_of_file(reference: EffectReference) -> ModuleType:
     require_rule(path.is_file(), path, "file_there", wanted=wanted)
     data = read_bytes(path)
     digest = _digest(data)
-    if reference.digest:
-        _require_same(reference, digest)
+    _require_same(reference, digest)
     # Named by its content, so that classes of one content are equal however often it is read.
     name = f"bayes_inertia_outside_{digest}"
     if name in sys.modules:
@@ -224,7 +223,7 @@ def _instance(value: Any, reference: EffectReference) -> Effect:
 
 
 def _require_same(reference: EffectReference, digest: str) -> None:
-    require_rule(digest == reference.digest, reference.source, "unchanged")
+    require_rule(reference.digest in ("", digest), reference.source, "unchanged")
 
 
 def _digest(data: bytes) -> str:

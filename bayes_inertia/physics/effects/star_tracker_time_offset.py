@@ -56,17 +56,13 @@ class StarTrackerTimeOffset(Effect):
         turned = jnp.concatenate([jnp.zeros((1, 3)), turned[:-1]])
         steps = jnp.sum(step > 0.0)
         times = slew.time - p["tau"]
-        left = jnp.where(
-            times < slew.time[0],
-            0,
-            jnp.clip(jnp.searchsorted(slew.time, times, side="right") - 1, 0, steps),
-        )
+        before = times < slew.time[0]
+        row = jnp.clip(jnp.searchsorted(slew.time, times, side="right") - 1, 0, steps)
+        left = jnp.where(before, 0, row)
         ahead = (times - slew.time[left])[:, None]
         inside = (times >= slew.time[0]) & (left < steps)
-        acceleration = jnp.where(
-            inside[:, None],
-            (rate[left + 1] - rate[left]) / jnp.where(inside, step[left], 1.0)[:, None],
-            0.0,
-        )
+        accelerates = inside[:, None]
+        slope = (rate[left + 1] - rate[left]) / jnp.where(inside, step[left], 1.0)[:, None]
+        acceleration = jnp.where(accelerates, slope, 0.0)
         back = turned[left] + ahead * (rate[left] + 0.5 * ahead * acceleration) - turned
         return quaternion.turned(attitude, back)
