@@ -167,7 +167,7 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     alone = J_part @ information @ J_part
     ratio = float(max(direction @ information @ direction, 0.0) / alone) if alone > 0.0 else 0.0
     exact = ratio < LIMITS.exact_below
-    read = bool(estimate.information.n_data[:, 2].any())
+    read = bool(estimate.information.n_data[:, model.structure.place("momentum")].any())
     told = model.structure.drive == "commanded" and read and not exact
     says += _SAYS["gain_told" if told else "gain_shown"].format(ratio=ratio)
     concerned = (*inertia_tensor.ELEMENTS, *gains)
