@@ -25,6 +25,7 @@ from bayes_inertia.design.comparison import AchievedErrors
 from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.pictures.figure_file import write_png
@@ -92,7 +93,7 @@ def run_study(
     """Simulate and fit campaigns of one plan, and write study.json and study.png."""
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
-    what, advice = f"{campaigns} campaigns: no scatter can be seen", "ask for 200"
+    what, advice = f"{counted(campaigns, 'campaign')} cannot scatter", "ask for 200"
     require(campaigns >= 2, "campaigns", what, advice)
     options = {"plan": plan_sha256(chosen), "seed": seed}
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)

@@ -241,8 +241,8 @@ class Slew:
             return np.zeros(0, dtype=int), np.zeros((0, 3))
         valid = np.isfinite(self.rate) if valid is None else valid
         rows = np.flatnonzero(valid.all(axis=1))
-        rare = LIMITS.enough_complete_rows * valid.any(axis=1).sum()
-        if len(rows) > rare or not valid.any(axis=0).all():
+        enough = LIMITS.enough_complete_rows * valid.any(axis=1).sum()
+        if len(rows) > enough or not valid.any(axis=0).all():
             return rows, self.rate[rows]
         given = [np.flatnonzero(axis) for axis in valid.T]
         rows = np.arange(max(k[0] for k in given), min(k[-1] for k in given) + 1)

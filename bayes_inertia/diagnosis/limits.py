@@ -157,9 +157,8 @@ class Limits:
     # Share of a formula's power from which an effect that can make it is that formula: the same
     # laws agree to 1e-4, the nearest others (drag with speed, and with its square) to 2e-3.
     same_effect: float = 0.999
-    # Spread of an input, as a share of its size, up to which it is stuck: its mean is kept to six
-    # digits, and what is left of a constant times the rate would pass for a law.
-    stuck: float = 1e-5
+    # Spread of an input, as a share of its size, up to which it is stuck: rounding alone.
+    stuck: float = 1e-12
     # Terms of a formula, looked for one after the other: a sum of three is no law.
     rounds_of_formulas: int = 2
     # Formulas of each search that are refitted; those listed beside them are as good to first

@@ -94,7 +94,8 @@ def _wrap(files: Sequence[FileShare]) -> tuple[_Period, int, int] | None:
     found = [(period, wraps) for period, wraps in tried if wraps.any()]
     if not found:
         return None
-    period, wraps = min(found, key=lambda f: float(np.abs(steps[f[1]] + f[0].ns - step).min()))
+    misfits = [np.abs(steps[wraps] + period.ns - step).min() for period, wraps in found]
+    period, wraps = found[int(np.argmin(misfits))]
     last = int(counts[-1]) + period.ns * int(wraps.sum())
     return period, (int(counts[0]) + last) // 2, last - int(counts[0])
 

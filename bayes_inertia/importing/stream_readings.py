@@ -158,8 +158,12 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
         what = "the matrix is no rotation: its rows are not of length 1 and square to each other"
         problems[what] = np.abs(square).max(axis=(1, 2)) > LIMITS.not_orthogonal
         what = "the matrix mirrors: an axis has the wrong sign"
-        problems[what] = np.linalg.det(matrices) < 0.0
-    return next(((int(np.argmax(bad)), what) for what, bad in problems.items() if bad.any()), None)
+        with np.errstate(invalid="ignore"):  # Of a row that is empty or incomplete.
+            problems[what] = np.linalg.det(matrices) < 0.0
+    for what, bad in problems.items():
+        if bad.any():
+            return int(np.argmax(bad)), what
+    return None
 
 
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:

@@ -252,7 +252,7 @@ def _best_noise(
 
 
 def _groups(stretches: Sequence[Stretch], key: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Fast components of stretches that are alike in one field; none where one group has any."""
+    """Fast components of groups alike in one field; none unless two have enough of them."""
     groups: dict[object, list[np.ndarray]] = {}
     for stretch in stretches:
         groups.setdefault(getattr(stretch, key), []).append(stretch.readings)

@@ -62,7 +62,7 @@ class SizeProposal:
         )
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EvidenceMove(MHMove):
     """Propose every walker anew: sizes by their evidence, then the rest given these sizes.
 
@@ -224,7 +224,7 @@ def importance_weights(log_ratios: np.ndarray) -> np.ndarray:
         return special.softmax(np.minimum(known, most))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class IndependenceMove(MHMove):
     """Propose every walker anew from a multivariate t distribution (an independence sampler).
 

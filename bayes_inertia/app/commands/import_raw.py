@@ -48,8 +48,9 @@ def import_command(
         "write `--start mapping.toml` first, answer its questions, then "
         "`--using mapping.toml -o CAMPAIGN`"
     )
-    what, one = "either --start or --using is needed", (using is None) != (start is None)
-    require(one, "import", what, advice, error=SettingsError)
+    exactly_one = (using is None) != (start is None)
+    what = "either --start or --using is needed"
+    require(exactly_one, "import", what, advice, error=SettingsError)
     if start is not None:
         _start(raw, start, as_json)
     elif using is not None:

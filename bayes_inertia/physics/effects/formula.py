@@ -368,7 +368,7 @@ class Formula(RowByRow):
         place, driver = PLACES[self.place], self._driver
         symbol = driver.symbol.replace("{w}", str(self.wheel + 1))
         if driver.inputs and (driver.columns == "one" or driver.of_rate) and self.middle != 0.0:
-            middle = "mean" if self.middle is None else f"{self.middle:g}"
+            middle = "mean" if self.middle is None else f"{self.middle:.12g}"
             symbol = f"({symbol} − {middle})"
         symbol += " ω" if driver.of_rate else ""
         right = {
@@ -520,12 +520,14 @@ class Formula(RowByRow):
 
 
 def middle_of(values: np.ndarray) -> float:
-    """From where an input of one number is counted: its mean, short enough to print.
+    """From where an input of one number is counted: its mean, to a thousandth of its spread.
 
-    >>> middle_of(np.array([293.0, 294.0001]))
-    293.5
+    >>> middle_of(np.array([293.0, 294.0001])), middle_of(1.7e9 + np.arange(8.0))
+    (293.5, 1700000003.5)
     """
-    return float(f"{np.mean(values):.6g}")
+    spread = float(np.ptp(values))
+    digits = 3 - int(np.floor(np.log10(spread))) if spread else 15
+    return round(float(np.mean(values)), digits)
 
 
 def knows(place: str, driver: str) -> bool:

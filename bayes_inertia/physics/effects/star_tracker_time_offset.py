@@ -61,8 +61,7 @@ class StarTrackerTimeOffset(Effect):
         left = jnp.where(before, 0, row)
         ahead = (times - slew.time[left])[:, None]
         inside = (times >= slew.time[0]) & (left < steps)
-        accelerates = inside[:, None]
         slope = (rate[left + 1] - rate[left]) / jnp.where(inside, step[left], 1.0)[:, None]
-        acceleration = jnp.where(accelerates, slope, 0.0)
+        acceleration = jnp.where(inside[:, None], slope, 0.0)
         back = turned[left] + ahead * (rate[left] + 0.5 * ahead * acceleration) - turned
         return quaternion.turned(attitude, back)

@@ -47,8 +47,8 @@ class WheelCommandLag(Effect):
         slow = tau > slew.step / 500.0
         decay = jnp.where(slow, jnp.exp(-slew.step / jnp.where(slow, tau, 1.0)), 0.0)
         decay = jnp.where(slew.step > 0.0, decay, 1.0)
-        share = jnp.where(slew.step > 0.0, tau / jnp.where(slew.step > 0.0, slew.step, 1.0), 1.0)
-        weight = share * (1.0 - decay)
+        steps = jnp.where(slew.step > 0.0, tau / jnp.where(slew.step > 0.0, slew.step, 1.0), 1.0)
+        weight = steps * (1.0 - decay)
 
         def interval(y, row):
             u, kept, taken = row
