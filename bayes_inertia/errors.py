@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from importlib import import_module
 from types import NoneType
 from typing import Any, get_args
@@ -103,12 +103,18 @@ def kind_of(value: Any) -> str:
 
 
 def with_article(name: str) -> str:
-    """The name of a kind with "a" or "an".
+    """The name of a kind with "a" or "an"; capitals are spoken letter by letter.
 
-    >>> with_article("Estimate"), with_article("Plan")
-    ('an Estimate', 'a Plan')
+    >>> with_article("Estimate"), with_article("Plan"), with_article("RDM")
+    ('an Estimate', 'a Plan', 'an RDM')
     """
-    return f"an {name}" if name.startswith((*"AEIOaeio", "nd")) else f"a {name}"
+    vowels = "AEFHILMNORSX" if name.isupper() else "AEIOaeio"
+    return f"an {name}" if name.startswith((*vowels, "nd")) else f"a {name}"
+
+
+def is_one_of(value: Any, words: Container[str]) -> bool:
+    """Whether a value is one of some words: an array, for one, is none."""
+    return isinstance(value, str) and value in words
 
 
 def require_kind(

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.hardware import (
-    is_one_of,
     numbers,
     one_an_axis,
     require_key,
@@ -23,6 +22,7 @@ from bayes_inertia.campaign.hardware import (
     unit_length,
 )
 from bayes_inertia.campaign.slew import on_campaign_clock
+from bayes_inertia.errors import is_one_of
 from bayes_inertia.maths.values import array_dataclass
 
 

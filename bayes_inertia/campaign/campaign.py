@@ -18,7 +18,6 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
     attitude_noise,
-    is_one_of,
     pairs,
     rate_noise,
     require_key,
@@ -26,7 +25,7 @@ from bayes_inertia.campaign.hardware import (
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew, require_quaternions, utc_of
-from bayes_inertia.errors import kind_of, members, require_kind
+from bayes_inertia.errors import is_one_of, kind_of, members, require_kind
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.maths.printed import Card, parameter_lines, shown_as

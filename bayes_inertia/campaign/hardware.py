@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
 from bayes_inertia import errors
-from bayes_inertia.errors import kind_of, members, require_kind
+from bayes_inertia.errors import is_one_of, kind_of, members, require_kind
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths import values
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
@@ -37,11 +37,6 @@ def numbers(
 def require_name(value: Any, key: str) -> None:
     """Raise an error unless a name is a text."""
     require_key(isinstance(value, str), key, f"{value!r} is no name", "give a text")
-
-
-def is_one_of(value: Any, words: Container[str]) -> bool:
-    """Whether a value is one of some words: an array, for one, is none."""
-    return isinstance(value, str) and value in words
 
 
 def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:

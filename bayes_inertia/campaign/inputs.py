@@ -7,8 +7,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import is_one_of, numbers, require_key
+from bayes_inertia.campaign.hardware import numbers, require_key
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.errors import is_one_of
 from bayes_inertia.maths.values import array_dataclass
 
 Between = Literal["hold", "line", "on_time", "mean"]

@@ -28,7 +28,7 @@ from bayes_inertia.campaign.hardware import (
     require_positive,
     unit_length,
 )
-from bayes_inertia.errors import members
+from bayes_inertia.errors import is_one_of, members
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.printed import Card, counted, shown_as
@@ -151,7 +151,7 @@ class PlannedSlew:
             require_positive(getattr(self, key), f"slews.{key}", optional=key == "duration")
         what = f"{self.profile!r} is unknown"
         advice = f"choose {' or '.join(get_args(Profile))}"
-        require_key(self.profile in get_args(Profile), "slews.profile", what, advice)
+        require_key(is_one_of(self.profile, get_args(Profile)), "slews.profile", what, advice)
 
     @property
     def motion_time(self) -> float:

@@ -20,7 +20,7 @@ from warnings import catch_warnings, filterwarnings
 
 from joblib.externals.loky import ProcessPoolExecutor
 
-from bayes_inertia.errors import SettingsError, StudyError, library_of_extra, require
+from bayes_inertia.errors import SettingsError, StudyError, is_one_of, library_of_extra, require
 from bayes_inertia.studies.limits import LIMITS
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def open_workers(
     if jobs < 1:
         raise SettingsError(f"is {jobs}", where="jobs", advice="give 1 or more")
     engine = engine or ("dask" if scheduler else "process" if jobs == 1 else "joblib")
-    if engine not in get_args(Engine):
+    if not is_one_of(engine, get_args(Engine)):
         names = ", ".join(get_args(Engine))
         raise SettingsError(f"is {engine!r}", where="engine", advice=f"choose one of {names}")
     what, advice = f"the engine {engine} has no scheduler", "use --engine dask"

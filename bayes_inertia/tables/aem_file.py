@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError, require
+from bayes_inertia.errors import CampaignError, require, with_article
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
@@ -57,8 +57,7 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
     if kind != "AEM":
         what = _MESSAGES.get(kind, "message of CCSDS")
         advice = _AS_CSV if kind in _MESSAGES and not what.startswith("attitude") else _AS_AEM
-        article = "an" if kind[0] in "AEFHILMNORSX" else "a"  # As letters are spoken.
-        raise CampaignError(f"is {article} {kind} ({what})", where=str(path), advice=advice)
+        raise CampaignError(f"is {with_article(kind)} ({what})", where=str(path), advice=advice)
 
 
 def read_aem(path: Path, table: str = "") -> Table:

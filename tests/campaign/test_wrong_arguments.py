@@ -59,6 +59,7 @@ LOST = {"wheel_torque": RATE, "lost_command": [0, 1, 0]}
         (lambda: bi.KnownTorque("t", frame=np.ones(2)), "actuators.t.frame: .* is unknown"),
         (lambda: bi.Change("c", 1.0, part=np.ones(2)), "changes.c.part: .* is unknown"),
         (lambda: bi.InputStream(TIME, RATE, np.ones(2)), "between: .* is unknown"),
+        (lambda: bi.PlannedSlew((1, 0, 0), 0.5, profile=np.ones(2)), "profile: .* is unknown"),
         (lambda: replace(small_campaign(), reference=["gyro"]), "reference: no sensor is called"),
         (lambda: bi.Slew("a", None, TIME, rate=RATE), "slews.a.start: None is not finite"),
         (lambda: bi.Slew("a", "noon", TIME, rate=RATE), "slews.a.start: .*seconds or datetimes"),
