@@ -46,6 +46,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, in_batches, on_device, padded_size, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.equations_of_motion import computed_once
 from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all, prior_blocks
@@ -339,7 +340,7 @@ def _pulls(structure: Structure, pull: _Pull, thetas: Array) -> tuple[Array, Arr
 def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Array]:
     point = pull.ridge.at(theta, structure.hyperparameters)
     prediction = predict_all(structure, point.theta, point.local, point.bias, pull.data)
-    r = whitened(structure, prediction, pull.data.arrays.telemetry, pull.white)
+    r = computed_once(whitened(structure, prediction, pull.data.arrays.telemetry, pull.white))
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
     return chi2, pulled(r, pull.columns, jnp)
 

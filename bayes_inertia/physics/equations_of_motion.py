@@ -79,11 +79,24 @@ class Body:
     active: ActiveEffects
     drive: Drive
 
-    def relative(self, wheel: Array, rate_B: Array) -> Array:
-        """Momentum (..., wheels) relative to the body, from that of the drive [N m s]."""
+    def relative(self, wheel: Sequence[Array], rate: Components) -> Components:
+        """Momentum of each wheel relative to the body, from that of the drive [N m s]."""
         if self.drive == "measured":
-            return wheel
-        return wheel - self.context.spin_inertia * (rate_B @ self.axes_B)
+            return tuple(wheel)
+        along = [sum(rate[i] * self.axes_B[i, k] for i in range(3)) for k in range(len(wheel))]
+        spin = self.context.spin_inertia
+        return tuple(h - spin[k] * along[k] for k, h in enumerate(wheel))
+
+    def free(
+        self, momentum_B: Sequence[Array], wheel: Sequence[Array], internal: Array | None = None
+    ) -> Components:
+        """Momentum of the body alone: without wheels and effects' own states, [N m s].
+
+        `internal` (3,), or (n, 3) where the others are (n,).
+        """
+        own = jnp.zeros(3) if internal is None else internal
+        wheels = [sum(self.axes_B[i, k] * h for k, h in enumerate(wheel)) for i in range(3)]
+        return tuple(m - wheels[i] - own[..., i] for i, m in enumerate(momentum_B))
 
     def rate_of(self, momentum_B: Sequence[Any]) -> Components:
         """Body rate [rad/s] from the momentum of the body alone; its change from a torque.
@@ -108,13 +121,7 @@ class Body:
         (3,): momentum that the effects' own states carry, body frame [N m s].
         """
         momentum_B = quaternion.to_body_components(attitude, momentum_N)
-        momentum_B = tuple(
-            m - sum(self.axes_B[i, k] * h for k, h in enumerate(wheel))
-            for i, m in enumerate(momentum_B)
-        )
-        if internal is not None:
-            momentum_B = tuple(m - internal[i] for i, m in enumerate(momentum_B))
-        return self.rate_of(momentum_B)
+        return self.rate_of(self.free(momentum_B, wheel, internal))
 
     def rate_and_wheel_momentum(self, state: SlewState) -> tuple[Array, Array]:
         """What turns at one instant of the commanded drive.
@@ -122,11 +129,9 @@ class Body:
         Returns `rate_B` (3,) [rad/s]; `wheel_momentum` (wheels,): wheel momentum relative to the
         body [N m s].
         """
-        wheel = stacked(state.wheel)
-        momentum_B = jnp.stack(quaternion.to_body_components(state.attitude, state.momentum_N))
-        momentum_B = momentum_B - self.axes_B @ wheel - self.internal(state.effect_states)
-        rate = self.inverse @ momentum_B
-        return rate, self.relative(wheel, rate)
+        internal = self.internal(state.effect_states)
+        rate = self.rate(state.attitude, state.momentum_N, state.wheel, internal)
+        return jnp.stack(rate), stacked(self.relative(state.wheel, rate))
 
     def internal(self, effect_states: Components, *moment: Any) -> Array:
         """Momentum that the effects' own states carry, and devices by what they do, [N m s]."""
@@ -276,9 +281,10 @@ def state_slope(body: Body, fraction: Any, x: SlewState, inputs: StepInputs) -> 
         return SlewState(attitude_rate, _zeros(x.momentum_N), _zeros(x.wheel), ())
     rate_B = jnp.stack(rate)
     environment = Environment(*(value(line, fraction) for line in inputs.environment))
-    motion = jnp.stack(attitude), rate_B, body.relative(stacked(wheel), rate_B)
+    motion = jnp.stack(attitude), rate_B, stacked(body.relative(wheel, rate))
     state = State(*motion, jnp.zeros(0), body.locked, *environment, devices)
-    external, wheel_torque, own_rates = _effect_slopes(body, t, state, x.effect_states)
+    slopes = _effect_slopes(body, t, state, x.effect_states)
+    external, wheel_torque, own_rates = computed_once(slopes)
     momentum_rate = _zeros(x.momentum_N)
     if active.act("body_torque"):
         momentum_rate = quaternion.to_inertial_components(attitude, tuple(external))

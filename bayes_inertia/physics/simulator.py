@@ -91,15 +91,18 @@ def simulate_slew(
     else:
         known = known.with_points(slew.fixes)
         path = attitude_path(body, state, known)
-    wheel = known.at_rows
+    wheel = tuple(known.at_rows.T)
     if drive == "commanded":
-        wheel = wheel + stacked(path.wheel)
+        wheel = tuple(h + gained for h, gained in zip(path.wheel, wheel, strict=True))
     devices = None if slew.inputs is None else {k: x.first for k, x in slew.inputs.items()}
     internal = body.internal(path.effect_states, context.time, devices)
-    rate = (path.momentum_B - wheel @ body.axes_B.T - internal) @ body.inverse.T
-    momentum = body.relative(wheel, rate)
+    # By components: products of matrices with three numbers cost several times as much.
+    free = computed_once(body.free(path.momentum_B, wheel, internal))
+    rate = computed_once(body.rate_of(free))
+    momentum = stacked(body.relative(wheel, rate), len(context.time))
     no_states = jnp.zeros((len(context.time), 0))
-    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states, devices)
+    motion = path.attitude, jnp.stack(rate, -1), momentum
+    trajectory = Trajectory(context.time, *motion, no_states, devices)
     return trajectory, path.effect_states
 
 
@@ -110,7 +113,7 @@ class MotionHistory(NamedTuple):
     ----------
     attitude : (n, 4) array
         Quaternions, body from inertial, scalar last; (f, 4) where only fixes are wanted.
-    momentum_B : (n, 3) array
+    momentum_B : tuple of 3 (n,) arrays
         Total momentum in the body frame [N m s].
     wheel : tuple of (n,) or () arrays
         Absolute momentum of each wheel beyond what commands gave it [N m s].
@@ -119,7 +122,7 @@ class MotionHistory(NamedTuple):
     """
 
     attitude: Array
-    momentum_B: Array
+    momentum_B: Components
     wheel: Components
     effect_states: Components
 
@@ -146,7 +149,7 @@ def attitude_path(body: Body, first: SlewState, known: KnownMomentum) -> MotionH
     last, begin = _over_steps(step, first.attitude, (wheels.cubic_B, known.steps.length))
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
     if known.left_out is None:
-        momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
+        momentum_B = quaternion.to_body_components(begin, momentum_N)
         return MotionHistory(jnp.stack(begin, -1), momentum_B, first.wheel, states)
     length = known.steps.length
     q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
@@ -159,8 +162,8 @@ def attitude_path(body: Body, first: SlewState, known: KnownMomentum) -> MotionH
         attitude = turned(*_at_points(q0, q1, known.fixes, body))
     smooth_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(smooth_B, angle)
-    all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
-    return MotionHistory(_rows(attitude), _rows(all_B), first.wheel, states)
+    all_B = tuple((m + c).reshape(-1) for m, c in zip(smooth_B, carried, strict=True))
+    return MotionHistory(_rows(attitude), all_B, first.wheel, states)
 
 
 class _WheelsInBody(NamedTuple):
@@ -212,8 +215,8 @@ def full_path(slew: SlewInput, body: Body, first: SlewState, known: KnownMomentu
     last, begin = _over_steps(step, first, inputs)
     if known.left_out is None:
         momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
-        rows = jnp.stack(begin.attitude, -1), jnp.stack(momentum_B, -1)
-        return MotionHistory(*rows, begin.wheel, begin.effect_states)
+        attitude = jnp.stack(begin.attitude, -1)
+        return MotionHistory(attitude, momentum_B, begin.wheel, begin.effect_states)
 
     def end(state: SlewState, s: float) -> tuple[list, SlewState]:
         def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
@@ -228,7 +231,7 @@ def full_path(slew: SlewInput, body: Body, first: SlewState, known: KnownMomentu
     attitude = turned(_at_rows(q0, q1, known), _within_step(body, known))
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
-    return MotionHistory(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+    return MotionHistory(_rows(attitude), momentum_B, rest.wheel, rest.effect_states)
 
 
 def _over_steps(step: Callable[[Any, Any], tuple[Any, Any]], first: Any, inputs: Any) -> Any:
@@ -312,10 +315,9 @@ def _within_step(body: Body, known: KnownMomentum) -> Components:
 
 def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
     """Quintics through both ends of each step, at its rows: (m, r) each."""
-    return tuple(
-        value(tuple(c[:, None] for c in quintic(a, b)), known.steps.fraction)
-        for a, b in zip(first, last, strict=True)
-    )
+    pieces = computed_once([quintic(a, b) for a, b in zip(first, last, strict=True)])
+    at_rows = [value(tuple(c[:, None] for c in p), known.steps.fraction) for p in pieces]
+    return computed_once(tuple(at_rows))
 
 
 def _at_points(
@@ -329,7 +331,7 @@ def _at_points(
 
     pieces = [quintic(of_step(a), of_step(b)) for a, b in zip(first, last, strict=True)]
     angle = -(body.inverse @ body.axes_B) @ points.left_out.T
-    return tuple(value(p, points.fraction) for p in pieces), tuple(angle)
+    return computed_once((tuple(value(p, points.fraction) for p in pieces), tuple(angle)))
 
 
 def _rows(components: Components) -> Array:

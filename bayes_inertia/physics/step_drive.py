@@ -88,7 +88,7 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     """
     points, shares, legendre, norm = _moment_rule(degree := NUMERICS.drive_degree)
     at = grid.fraction[..., None] + grid.width[..., None] * points
-    powers = at[..., None] ** np.arange(degree + 1)
+    powers = xp.stack([at**power for power in range(degree + 1)], -1)
     values = powers @ legendre.T * norm
     left = xp.einsum("mr,q,mrql->mrl", grid.width, shares * (1.0 - points), values)
     right = xp.einsum("mr,q,mrql->mrl", grid.width, shares * points, values)
