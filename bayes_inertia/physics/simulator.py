@@ -215,8 +215,8 @@ def full_path(slew: SlewInput, body: Body, first: SlewState, known: KnownMomentu
     last, begin = _over_steps(step, first, inputs)
     if known.left_out is None:
         momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
-        attitude = jnp.stack(begin.attitude, -1)
-        return MotionHistory(attitude, momentum_B, begin.wheel, begin.effect_states)
+        rows = jnp.stack(begin.attitude, -1), momentum_B
+        return MotionHistory(*rows, begin.wheel, begin.effect_states)
 
     def end(state: SlewState, s: float) -> tuple[list, SlewState]:
         def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
