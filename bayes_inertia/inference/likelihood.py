@@ -286,8 +286,9 @@ def padded_sensitivities(
     if silent:
         columns, sensed = (x[: len(columns) - len(of_effects)] for x in (columns, sensed))
     moving = np.flatnonzero(~sensed)
-    few, many = LIMITS.columns_at_once
-    width = few if d + b + structure.n_start <= few else many
+    # The same whatever is free: all fits of a model share its program.
+    every = d + b + structure.n_local - int(of_effects.sum())
+    width = _columns_at_once(every)
     while width > 1 and width * model.data.contexts.time.shape[1] > LIMITS.numbers_of_columns:
         width //= 2
     padding = -len(moving) % width
@@ -314,6 +315,16 @@ def padded_sensitivities(
         jacobian = tuple(channel[..., order] for channel in jacobian)
     at_point = [part.residuals for part in parts[: len(pieces)]]
     return Sensitivities(of_all_slews(at_point, numbers), jacobian)
+
+
+def _columns_at_once(every: int) -> int:
+    """How many of so many columns are taken at a time, in groups of about one size.
+
+    >>> _columns_at_once(22), _columns_at_once(27), _columns_at_once(60)
+    (24, 32, 32)
+    """
+    groups = -(-every // LIMITS.columns_at_once)
+    return -(-every // (groups * LIMITS.lanes)) * LIMITS.lanes
 
 
 def _at_once(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
