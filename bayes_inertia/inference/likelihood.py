@@ -320,8 +320,8 @@ def padded_sensitivities(
 def _columns_at_once(every: int) -> int:
     """How many of so many columns are taken at a time, in groups of about one size.
 
-    >>> _columns_at_once(22), _columns_at_once(27), _columns_at_once(60)
-    (24, 32, 32)
+    >>> _columns_at_once(22), _columns_at_once(27), _columns_at_once(40)
+    (24, 32, 24)
     """
     groups = -(-every // LIMITS.columns_at_once)
     return -(-every // (groups * LIMITS.lanes)) * LIMITS.lanes

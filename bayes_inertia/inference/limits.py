@@ -254,9 +254,10 @@ class Limits:
     # Compiled code
     # Programs that run at once.
     threads: int = 2
-    # Sensitivities are taken so many columns at a time at most, and a multiple of what a processor
-    # works on at once: time grows with the columns, padding included.
-    columns_at_once: int = 48
+    # Sensitivities are taken so many columns at a time at most, as many as a fit of a pair of
+    # effects has, and a multiple of what a processor works on at once: time grows with the columns,
+    # padding included.
+    columns_at_once: int = 32
     lanes: int = 8
     # Fewer, where they have more numbers on the integration grid: 1 GB in all.
     numbers_of_columns: int = 250_000
