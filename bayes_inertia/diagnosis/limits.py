@@ -28,6 +28,9 @@ class Rules:
     log_evidence_margin : float
         Log odds by which the best row must beat another to be named alone, and by which a row
         with a shape without a name must beat the names alone.
+    larger_set_share : float
+        Share of the best set's probability from which a larger set is read in its place, what it
+        adds "or nothing": at half, the odds are two to one at most.
     imitation_correlation : float
         Canonical correlation above which two effects are listed as alike.
     misfit_p_value : float
@@ -56,6 +59,7 @@ class Rules:
     max_refits: int = 6
     max_effects: int = 4
     log_evidence_margin: float = 3.0
+    larger_set_share: float = 0.5
     imitation_correlation: float = 0.6
     misfit_p_value: float = 1e-4
     prior_sd_at_most: float = 4.0
@@ -81,13 +85,15 @@ def _ranges() -> dict[str, tuple[Callable[[float], bool], str]]:
     """What each threshold may be, and the advice where it is not."""
     probability = (lambda x: 0.0 < x < 1.0), "give a probability between 0 and 1, such as 0.02"
     odds = (lambda x: 0.0 <= x < float("inf")), "give 0 or more; 3 is evidence of 20 to 1"
+    share = (lambda x: 0.0 <= x <= 1.0), "give a share from 0 to 1"
     count = (lambda x: isinstance(x, int) and x >= 1), "give a whole number, 1 or more"
     return {
         "false_alarm_probability": probability,
         "misfit_p_value": probability,
         "max_refits": count,
         "max_effects": count,
-        "imitation_correlation": ((lambda x: 0.0 <= x <= 1.0), "give a share from 0 to 1"),
+        "larger_set_share": share,
+        "imitation_correlation": share,
         "log_evidence_margin": odds,
         "prior_sd_at_most": ((lambda x: x > 0.0), "give a positive number of prior sds"),
     }

@@ -146,6 +146,13 @@ class Table:
         """The best row with a shape without a name; empty, if there is none."""
         return next((row for row in self.rows if row & SHAPELESS), frozenset())
 
+    def best_names(self, rules: Rules, fewest: int) -> Names:
+        """The best row of so many names alone, or a larger one about as probable."""
+        names = [row for row in self.rows if len(row) >= fewest and not row & SHAPELESS]
+        best = next(iter(names), frozenset[str]())
+        least = rules.larger_set_share * self.rows.get(best, 0.0)
+        return next((row for row in names if row > best and self.rows[row] >= least), best)
+
     @property
     def first(self) -> RefittedRow:
         """The fit without effects."""
@@ -169,7 +176,7 @@ def table_of(base: Estimate, search: Search) -> Table:
         estimate = _refit(names, refitted, search) if refitted else base
         refitted[names] = _weighed(names, estimate, refitted, search)
         table = _read(refitted, search.rules)
-        names = _next(table)
+        names = _next(table, search.rules)
     return table
 
 
@@ -240,11 +247,10 @@ def with_evidence(table: Table, log_evidence: dict[Names, float]) -> Table:
     return replace(table, rows=rows, log_evidence=log_evidence)
 
 
-def _next(table: Table) -> Names | None:
-    """The effects of fixed shape of the best row and of the best names alone, if not refitted."""
+def _next(table: Table, rules: Rules) -> Names | None:
+    """The effects of fixed shape of the best row and of the names to be read, if not refitted."""
     best = next(iter(table.rows))
-    with_names = next((row for row in table.rows if not row & SHAPELESS), best)
-    wanted = (table.fixed_part(row) for row in (best, with_names))
+    wanted = (table.fixed_part(row) for row in (best, table.best_names(rules, 0)))
     return next((names for names in wanted if names not in table.refitted), None)
 
 
@@ -381,8 +387,7 @@ def read_table(table: Table, rules: Rules, *, significant: bool) -> Reading:
     """
     if not significant or not next(iter(table.rows)):
         return Reading("consistent")
-    row = next((row for row in table.rows if row and not row & SHAPELESS), frozenset[str]())
-    shape = table.best_shape
+    row, shape = table.best_names(rules, 1), table.best_shape
     reading = Reading("named", tuple(sorted(row, key=lambda name: -_single(table, name))))
     if shape:
         with np.errstate(divide="ignore"):  # a probability may be too small for a number

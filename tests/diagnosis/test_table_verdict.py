@@ -79,6 +79,18 @@ def test_a_set_that_only_adds_to_the_best_is_no_alternative():
     assert read_table(table(values), Rules(), significant=True).verdict == "named"
 
 
+@pytest.mark.parametrize(("evidence", "verdict"), [(24.6, "ambiguous"), (24.0, "named")])
+def test_what_a_set_half_as_probable_adds_stands_or_nothing(evidence, verdict):
+    """Prior odds of the second effect are 1 to 120: 24.0 leaves 0.45 of the single's, 24.6 0.83."""
+    weighed = table({"": 0.0, TORQUE: 20.0, f"{TORQUE} rate_bias": evidence})
+    found = read_table(weighed, Rules(), significant=True)
+    assert found.verdict == verdict
+    assert set(found.named) == {TORQUE, *(["rate_bias"] if verdict == "ambiguous" else [])}
+    assert ("rate_bias", "nothing") in found.ambiguous_with or verdict == "named"
+    alone = read_table(weighed, Rules(larger_set_share=1.0), significant=True)
+    assert alone.named == (TORQUE,)
+
+
 def test_a_shape_without_a_name_that_beats_the_names_leaves_them_unknown():
     found = read_table(table({"": 0.0, TORQUE: 20.0, SHAPE: 24.0}), Rules(), significant=True)
     assert (found.verdict, found.why_unknown) == ("unknown", "imitation")
