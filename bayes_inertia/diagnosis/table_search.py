@@ -267,7 +267,7 @@ def _refit(names: Names, refitted: Mapping[Names, RefittedRow], search: Search) 
     """Fit a set of effects, begun where the nearest linear model has everything.
 
     Where that fits no better than without them nothing is linear: the way from there may end in a
-    local optimum, and the fit begins with the data counted weakly.
+    local optimum. The fit begins with the data counted weakly, and once more from where it ends.
     """
     near, base = _below(names, refitted), refitted[frozenset()].estimate
     estimate, theta, steps = _start(names, near, search)
@@ -281,7 +281,12 @@ def _refit(names: Names, refitted: Mapping[Names, RefittedRow], search: Search) 
     free = [np.intersect1d(np.arange(estimate.model.n_known), base.free)]
     free += [np.arange(part.start, part.stop) for part in parts]
     stop = {"tolerance": LIMITS.comparison_tolerance}
-    fitted = re_estimate(estimate, theta, np.concatenate(free), weak_data_first=weak, **stop)
+    moving = np.concatenate(free)
+    fitted = re_estimate(estimate, theta, moving, weak_data_first=weak, **stop)
+    if weak:
+        # Nuisances that were guessed far from the truth may lead to a local optimum as well.
+        again = re_estimate(fitted, fitted.theta, moving, weak_data_first=True, **stop)
+        fitted = min(fitted, again, key=lambda fit: fit.objective)
     for name in sorted(names):
         fitted = within_prior(fitted, name, search.rules, **stop)
     return fitted

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayes_inertia.diagnosis import table_search
 from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set, posterior
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.table_search import (
@@ -130,3 +131,40 @@ def test_rows_stand_in_the_order_in_which_they_were_weighed():
     values = {frozenset([f"effect_{k}"]): -0.1 * k for k in range(20)} | {frozenset(): 0.0}
     first = RefittedRow(frozenset(), None, SimpleNamespace(members=()), None, values)
     assert list(_read({frozenset(): first}, Rules()).log_evidence) == list(values)
+
+
+@pytest.mark.parametrize(
+    ("foretold", "fits"), [(9.0, [7.0]), (99.0, [7.0, 5.0]), (99.0, [5.0, 7.0])]
+)
+def test_a_refit_from_far_away_is_repeated_from_its_end_and_the_lower_is_kept(
+    monkeypatch, foretold, fits
+):
+    """Where the linear model foretells less than nothing does, 10, one fit is not enough."""
+    space = SimpleNamespace(slice_of=lambda name: slice(9, 10))
+    fit = SimpleNamespace(
+        model=SimpleNamespace(space=space, n_known=9), point=None, white=None, objective=10.0,
+        free=np.arange(9), theta=np.zeros(10),
+    )  # fmt: skip
+    near = RefittedRow(frozenset(), fit, None, None, {frozenset(): 0.0})
+    asked = []
+
+    def fitted(estimate, theta, free, **options):
+        asked.append((estimate.objective, options["weak_data_first"]))
+        return SimpleNamespace(**vars(fit) | {"objective": fits[len(asked) - 1]})
+
+    stubs = {
+        "_start": lambda *_: (fit, fit.theta, {}),
+        "_followed": lambda *_: SimpleNamespace(bias=None, local=None, theta=None),
+        "replace": lambda given, **_: given,
+        "negative_log_posterior": lambda *_: foretold,
+        "re_estimate": fitted,
+        "within_prior": lambda given, *_, **__: given,
+    }
+    for name, stub in stubs.items():
+        monkeypatch.setattr(table_search, name, stub)
+    search = SimpleNamespace(rules=Rules())
+    refitted = table_search._refit(frozenset([TORQUE]), {frozenset(): near}, search)
+    assert refitted.objective == min(fits)
+    # Again from where the first ended.
+    again = [(fits[0], True)] if foretold > 10.0 else []
+    assert asked == [(10.0, foretold > 10.0), *again]
