@@ -29,8 +29,8 @@ class Rules:
         Log odds by which the best row must beat another to be named alone, and by which a row
         with a shape without a name must beat the names alone.
     larger_set_share : float
-        Share of the best set's probability from which a larger set is read in its place, what it
-        adds "or nothing": at half, the odds are two to one at most.
+        Share of the best set's probability from which a larger set is read in its place. What it
+        adds is then listed beside `nothing`. At half, the odds against it are two to one at most.
     imitation_correlation : float
         Canonical correlation above which two effects are listed as alike.
     misfit_p_value : float

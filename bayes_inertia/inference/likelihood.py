@@ -287,8 +287,7 @@ def padded_sensitivities(
         columns, sensed = (x[: len(columns) - len(of_effects)] for x in (columns, sensed))
     moving = np.flatnonzero(~sensed)
     # The same whatever is free: all fits of a model share its program.
-    every = d + b + structure.n_local - int(of_effects.sum())
-    width = _columns_at_once(every)
+    width = _columns_at_once(d + b + structure.n_local - int(of_effects.sum()))
     while width > 1 and width * model.data.contexts.time.shape[1] > LIMITS.numbers_of_columns:
         width //= 2
     padding = -len(moving) % width

@@ -87,16 +87,16 @@ class Body:
         spin = self.context.spin_inertia
         return tuple(h - spin[k] * along[k] for k, h in enumerate(wheel))
 
-    def free(
+    def own_momentum(
         self, momentum_B: Sequence[Array], wheel: Sequence[Array], internal: Array | None = None
     ) -> Components:
         """Momentum of the body alone: without wheels and effects' own states, [N m s].
 
         `internal` (3,), or (n, 3) where the others are (n,).
         """
-        own = jnp.zeros(3) if internal is None else internal
+        internal = jnp.zeros(3) if internal is None else internal
         wheels = [sum(self.axes_B[i, k] * h for k, h in enumerate(wheel)) for i in range(3)]
-        return tuple(m - wheels[i] - own[..., i] for i, m in enumerate(momentum_B))
+        return tuple(m - wheels[i] - internal[..., i] for i, m in enumerate(momentum_B))
 
     def rate_of(self, momentum_B: Sequence[Any]) -> Components:
         """Body rate [rad/s] from the momentum of the body alone; its change from a torque.
@@ -121,7 +121,7 @@ class Body:
         (3,): momentum that the effects' own states carry, body frame [N m s].
         """
         momentum_B = quaternion.to_body_components(attitude, momentum_N)
-        return self.rate_of(self.free(momentum_B, wheel, internal))
+        return self.rate_of(self.own_momentum(momentum_B, wheel, internal))
 
     def rate_and_wheel_momentum(self, state: SlewState) -> tuple[Array, Array]:
         """What turns at one instant of the commanded drive.

@@ -97,8 +97,8 @@ def simulate_slew(
     devices = None if slew.inputs is None else {k: x.first for k, x in slew.inputs.items()}
     internal = body.internal(path.effect_states, context.time, devices)
     # By components: products of matrices with three numbers cost several times as much.
-    free = computed_once(body.free(path.momentum_B, wheel, internal))
-    rate = computed_once(body.rate_of(free))
+    own = computed_once(body.own_momentum(path.momentum_B, wheel, internal))
+    rate = computed_once(body.rate_of(own))
     momentum = stacked(body.relative(wheel, rate), len(context.time))
     no_states = jnp.zeros((len(context.time), 0))
     motion = path.attitude, jnp.stack(rate, -1), momentum
