@@ -39,6 +39,12 @@ def test_no_other_name_is_a_formula():
         by_name(["formula_body_torque_rate_best"])
 
 
+@pytest.mark.parametrize("end", ["entry", "entry_1", "column", "column_1_2", "full_1"])
+def test_a_formula_without_its_entry_or_column_is_no_name(end):
+    with pytest.raises(EffectError, match="no effect of this name"):
+        by_name([f"formula_body_torque_rate_{end}"])
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -11,6 +11,7 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.linear_algebra import fused_product
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, Parameter, scalar, vector
 
@@ -82,7 +83,7 @@ class TorquerTorque(DeviceEffect):
     by = "dipole times field"
 
     def stated(self, given, gains=1.0):
-        return (given * gains) @ self.record.axes_B
+        return fused_product(self.record.axes_B.T, given * gains)
 
     def body_torque(self, p, slew, t, state):
         dipole = self.made(p, state.input(self.name))
@@ -96,7 +97,7 @@ class ThrusterTorque(DeviceEffect):
     by = "thrust times arm"
 
     def stated(self, given, gains=1.0):
-        return (given * gains) @ self.record.torque_B
+        return fused_product(self.record.torque_B.T, given * gains)
 
     def body_torque(self, p, slew, t, state):
         return self.made(p, state.input(self.name))

@@ -11,6 +11,7 @@ import numpy as np
 from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths.linear_algebra import fused_product
 from bayes_inertia.physics.actuators.device import DeviceEffect
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.random_basis import independent, slew_fraction
@@ -24,7 +25,8 @@ class RotorMomentum(DeviceEffect):
     by = "momentum"
 
     def stated(self, given, gains=1.0):
-        return (self.record.momentum * gains) @ _directions(self.record, given, jnp)[0]
+        spin_axes = _directions(self.record, given, jnp)[0]
+        return fused_product(spin_axes.T, self.record.momentum * gains)
 
     def carried_momentum(self, p, slew, t, inputs):
         return self.made(p, inputs[self.name])
@@ -67,7 +69,7 @@ class GimbalAngleNoise(StochasticEffect):
         mode = jnp.arange(size.shape[1])
         shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
         _, turned = _directions(self.record, inputs[self.record.name], jnp)
-        return -(self.record.momentum * (size @ shape)) @ turned
+        return -fused_product(turned.T, self.record.momentum * fused_product(size, shape))
 
 
 def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]:

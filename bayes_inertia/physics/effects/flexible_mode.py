@@ -85,12 +85,12 @@ class FlexibleMode(Effect):
         return inertia_B - jnp.outer(p["coupling"], p["coupling"])
 
     def initial_state(self, p, slew, rate_B):
-        return jnp.stack([jnp.zeros_like(p["frequency"]), p["coupling"] @ rate_B])
+        return jnp.stack([jnp.zeros_like(p["frequency"]), jnp.sum(p["coupling"] * rate_B)])
 
     def state_rate(self, p, slew, t, state):
         eta, momentum = state.effect_states
         W = 2.0 * jnp.pi * p["frequency"]
-        speed = momentum - p["coupling"] @ state.rate_B
+        speed = momentum - jnp.sum(p["coupling"] * state.rate_B)
         return jnp.stack([speed, -2.0 * p["damping"] * W * speed - W**2 * eta])
 
     def internal_momentum(self, p, slew, effect_states):

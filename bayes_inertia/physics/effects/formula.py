@@ -20,6 +20,7 @@ from jax import Array
 
 from bayes_inertia.files import vocabulary
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.linear_algebra import fused_product
 from bayes_inertia.physics.effect import RowByRow, require_of_effect
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.numerics import NUMERICS
@@ -130,12 +131,16 @@ PLACES: Mapping[str, Place] = {
 
 def _norm(v):
     # Smooth where the body rests.
-    return jnp.sqrt(v @ v + 1e-24)
+    return jnp.sqrt(jnp.sum(v * v) + 1e-24)
 
 
 def _commanded(slew, t):
     row = jnp.clip(jnp.searchsorted(slew.time, t, side="right") - 1, 0, len(slew.time) - 1)
     return slew.torque[row]
+
+
+def _stored(slew, state):
+    return fused_product(slew.wheel_axes_B, state.wheel_momentum)
 
 
 def _field(state):
@@ -158,16 +163,18 @@ _VALUES: Mapping[str, Callable[[SlewContext, Array, State, int], Array]] = {
     "time_in_slew": lambda s, t, x, w: jnp.reshape(t, (1,)),
     "campaign_time": lambda s, t, x, w: jnp.reshape(s.start + t - s.middle, (1,)),
     "speed": lambda s, t, x, w: _norm(x.rate_B)[None],
-    "speed_squared": lambda s, t, x, w: (x.rate_B @ x.rate_B)[None],
+    "speed_squared": lambda s, t, x, w: jnp.sum(x.rate_B**2)[None],
     "rate": lambda s, t, x, w: x.rate_B,
     "rate_times_speed": lambda s, t, x, w: _norm(x.rate_B) * x.rate_B,
     # A scale factor that drifts, where it is a sensor's error.
     "rate_times_time": lambda s, t, x, w: (s.start + t - s.middle) * x.rate_B,
     "rate_squares": lambda s, t, x, w: x.rate_B**2,
     "rate_products": lambda s, t, x, w: _products(x.rate_B),
-    "momentum": lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum,
-    "gyroscopic": lambda s, t, x, w: jnp.cross(x.rate_B, s.wheel_axes_B @ x.wheel_momentum),
-    "command": lambda s, t, x, w: s.wheel_axes_B @ _commanded(s, t),
+    "momentum": lambda s, t, x, w: fused_product(s.wheel_axes_B, x.wheel_momentum),
+    "gyroscopic": lambda s, t, x, w: jnp.cross(
+        x.rate_B, fused_product(s.wheel_axes_B, x.wheel_momentum)
+    ),
+    "command": lambda s, t, x, w: fused_product(s.wheel_axes_B, _commanded(s, t)),
     "field": lambda s, t, x, w: _field(x),
     "field_change": lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)),
     "eddy": lambda s, t, x, w: jnp.cross(_field(x), jnp.cross(x.rate_B, _field(x))),
@@ -180,7 +187,7 @@ _VALUES: Mapping[str, Callable[[SlewContext, Array, State, int], Array]] = {
     "wheel_signs": lambda s, t, x, w: jnp.tanh(x.wheel_momentum / s.spin_inertia),
     "wheel_commands": lambda s, t, x, w: _commanded(s, t),
     "wheel_efforts": lambda s, t, x, w: jnp.abs(_commanded(s, t)),
-    "wheel_rates": lambda s, t, x, w: s.wheel_axes_B.T @ x.rate_B,
+    "wheel_rates": lambda s, t, x, w: fused_product(s.wheel_axes_B.T, x.rate_B),
     "momentum_times_rate": lambda s, t, x, w: x.wheel_momentum[w] * x.rate_B,
     "momentum_times_field": lambda s, t, x, w: x.wheel_momentum[w] * _field(x),
     "command_times_field": lambda s, t, x, w: _commanded(s, t)[w] * _field(x),
@@ -345,8 +352,11 @@ class Formula(RowByRow):
             raise KeyError(name)
         place, driver, _, _, form, numbers, wheel = found.groups()
         given = [int(number) for number in numbers.split("_")[1:]]
-        row, column = {"entry": given, "column": [0, *given]}.get(form, [0, 0])
-        return cls(place, driver, form, row, column, int(wheel or 0))
+        keys = {"entry": ("row", "column"), "column": ("column",)}.get(form, ())
+        if len(given) != len(keys):
+            raise KeyError(name)
+        which = dict(zip(keys, given, strict=True))
+        return cls(place, driver, form, wheel=int(wheel or 0), **which)
 
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -457,10 +467,10 @@ class Formula(RowByRow):
     def _of_driver(self, c: Array, d: Array) -> Array:
         """C d: (m,) of coefficients (k,) and a driver's values."""
         if self.form == "full":
-            return jnp.reshape(c, (-1, len(d))) @ d
+            return fused_product(jnp.reshape(c, (-1, len(d))), d)
         if self.form == "hollow":
             beside = np.nonzero(~np.eye(len(d), dtype=bool))
-            return jnp.zeros((len(d), len(d))).at[beside].set(c) @ d
+            return fused_product(jnp.zeros((len(d), len(d))).at[beside].set(c), d)
         if self.form in ("diagonal", "scalar"):
             return c * d
         if self.form == "cross":

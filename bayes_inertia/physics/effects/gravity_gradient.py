@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.linear_algebra import fused_product
 from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.parameters import Normal, scalar
 
@@ -47,4 +48,5 @@ class GravityGradient(SmoothTorque):
         position_B = quaternion.to_body(state.attitude, state.position_N)
         square = jnp.sum(position_B**2)
         down = position_B / jnp.sqrt(square)
-        return p["factor"] * 3.0 * self.mu / square**1.5 * jnp.cross(down, state.inertia_B @ down)
+        J_down = fused_product(state.inertia_B, down)
+        return p["factor"] * 3.0 * self.mu / square**1.5 * jnp.cross(down, J_down)
