@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from support.other_spacecraft import by_rotors, by_thrusters
 from support.slews import (
     ATTITUDE,
     EXTERNAL,
@@ -23,8 +26,13 @@ from support.slews import (
 
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
+from bayes_inertia.physics.effects import LIBRARY, ConstantTorque, Formula
+from bayes_inertia.physics.effects.formula import DRIVERS, FORMS, drivers_known
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import refined_grid
+from bayes_inertia.physics.prediction import predict
 from bayes_inertia.physics.slew_input import Start
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def refine(time, held, linear, parts):
@@ -221,3 +229,54 @@ def test_every_method_of_an_effect_is_a_hook_or_says_what_it_is():
     about = {"parameters", "max_step", "looks_between_rows", "afterwards", "acts", "in_campaign"}
     methods = {k for k, v in vars(Effect).items() if callable(v) and not k.startswith("_")}
     assert methods - about == {*BODY_HOOKS, *LOOKING_BACK}
+
+
+def products_in_steps(jaxpr, in_steps=False):
+    """How many matrix products a program calls inside its loops."""
+    count = 0
+    for equation in jaxpr.eqns:
+        inside = in_steps or equation.primitive.name in ("scan", "while")
+        count += in_steps and equation.primitive.name == "dot_general"
+        parts = jax.tree.leaves(equation.params, is_leaf=lambda x: hasattr(x, "eqns"))
+        inner = (getattr(part, "jaxpr", part) for part in parts)
+        count += sum(products_in_steps(x, inside) for x in inner if hasattr(x, "eqns"))
+    return count
+
+
+def products_in_steps_of(campaign, effects):
+    model = Model(campaign, effects)
+    structure, data = model.structure, model.data
+    of_slew = jax.tree.map(lambda rows: rows[0], data.arrays)
+
+    def prediction(theta, local, bias):
+        nuisances = structure.nuisances(local)
+        return predict(structure, theta, nuisances, bias, *of_slew, data)
+
+    zeros = np.zeros(structure.n_local), np.zeros(model.n_bias)
+    return products_in_steps(jax.make_jaxpr(prediction)(model.space.mean, *zeros).jaxpr)
+
+
+@dataclass(frozen=True)
+class WithProduct(ConstantTorque):
+    """Turns its torque by a matrix product."""
+
+    name = "turned_torque"
+
+    def body_torque(self, p, slew, t, state):
+        return jnp.eye(3) @ super().body_torque(p, slew, t, state)
+
+
+@pytest.mark.slow
+def test_no_effect_calls_a_matrix_product_in_a_step():
+    """Each call takes longer than the numbers in it: derivatives took three times as long."""
+    formulas = [Formula("body_torque", driver, "full") for driver in DRIVERS]
+    formulas += [Formula("body_torque", "rate", form) for form in FORMS]
+    campaign = small_campaign()
+    known = set(drivers_known(campaign))
+    formulas = [formula for formula in formulas if formula.driver in known]
+    assert len(formulas) > len(FORMS)
+    for effect in (*LIBRARY, *formulas):
+        assert products_in_steps_of(campaign, (effect,)) == 0, effect.name
+    for equipped in (by_thrusters(), by_rotors()):
+        assert products_in_steps_of(equipped, ()) == 0
+    assert products_in_steps_of(campaign, (WithProduct(),)) > 0
