@@ -94,7 +94,7 @@ def canonical_correlation(matrix: np.ndarray, first: int) -> float:
     return float(min(1.0, np.linalg.svd(between, compute_uv=False)[0]))
 
 
-def fused_product(matrix: Array, vector: Array) -> Array:
+def fused_product(matrix: Array, vector: Array | np.ndarray) -> Array:
     """A matrix (m, k) times a vector (k,), as a part of what comes next.
 
     Compiled code calls another routine for each `@`, which in every step and for each derivative

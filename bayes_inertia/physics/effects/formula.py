@@ -352,11 +352,10 @@ class Formula(RowByRow):
             raise KeyError(name)
         place, driver, _, _, form, numbers, wheel = found.groups()
         given = [int(number) for number in numbers.split("_")[1:]]
-        keys = {"entry": ("row", "column"), "column": ("column",)}.get(form, ())
-        if len(given) != len(keys):
+        if len(given) != {"entry": 2, "column": 1}.get(form, 0):
             raise KeyError(name)
-        which = dict(zip(keys, given, strict=True))
-        return cls(place, driver, form, wheel=int(wheel or 0), **which)
+        row, column = (0, 0, *given)[-2:]
+        return cls(place, driver, form, row, column, int(wheel or 0))
 
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
