@@ -322,8 +322,11 @@ def without_impossible_torques(
         return channels, []
     size = np.abs(np.nan_to_num(torque))
     absurd = size > np.array([unattainable(wheel, "torque") for wheel in wheels])
+    # One number in all wheels may be a mark of "no command", however small.
+    alike = (torque == torque[:, :1]).all(axis=1, keepdims=True) & (len(wheels) > 1)
+    usual = size[~(absurd | alike)].max(initial=0.0)
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
-    absurd &= size > FAULTS.impossible_factor * size[~absurd].max(initial=0.0)
+    absurd = (absurd | (alike & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
     # One number again and again is no command in another unit, but a mark of "no command".
     marked = np.sum(absurd) >= FAULTS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
     most = FAULTS.share_of_marker if marked else FAULTS.few_impossible

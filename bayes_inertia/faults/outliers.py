@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
@@ -13,8 +14,6 @@ from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 def outliers_at_rest(values: np.ndarray) -> np.ndarray:
     """Which readings (n,) are far from the running median, as no noise at rest is."""
-    from scipy.ndimage import median_filter
-
     if len(values) < LIMITS.outlier_median_rows:
         return np.zeros(len(values), dtype=bool)
     away = np.abs(values - median_filter(values, LIMITS.outlier_median_rows, mode="nearest"))
@@ -24,13 +23,13 @@ def outliers_at_rest(values: np.ndarray) -> np.ndarray:
 
 
 def without_outliers(values: np.ndarray) -> np.ndarray:
-    """Readings (n,) of a motion, outliers replaced by the median of them and their neighbours."""
+    """Readings (n,) of a motion, outliers replaced by the running median: two in a row may be."""
     if len(values) < LIMITS.fewest_with_outliers:
         return values
     left, right, middle = values[:-2], values[2:], values[1:-1]
     off = np.abs(middle - 0.5 * (left + right))
     usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
-    median = np.clip(middle, np.minimum(left, right), np.maximum(left, right))
+    median = median_filter(values, LIMITS.outlier_rows, mode="nearest")[1:-1]
     mended = np.array(values)
     mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
     return mended

@@ -18,6 +18,7 @@ from bayes_inertia.campaign.writer import content_of, files_of
 from bayes_inertia.errors import CampaignError, OutputError, members, require
 from bayes_inertia.faults.held import held_readings
 from bayes_inertia.faults.known_offsets import known_offset
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.files import path_of, read_bytes, text_of, write_new_files
 from bayes_inertia.importing import imported_folder, mapped_lines
 from bayes_inertia.importing.common_clock import Logs
@@ -167,9 +168,15 @@ def _refuse_occupied(folder: Path, mapping: bytes) -> None:
 
 
 def _once(stream: LoggedStream) -> LoggedStream:
-    """A stream without rows that only repeat a reading; commands are held by nature."""
+    """A stream without rows that only repeat a reading; commands are held by nature.
+
+    Rates that nothing can reach, such as a mark of "no reading", tell nothing of rest and motion.
+    """
     if stream.holds not in BY_KEY:
         return stream
+    if stream.holds == "rate":
+        beyond = np.abs(stream.values) > FAULTS.fastest_rate
+        stream = replace(stream, values=np.where(beyond, np.nan, stream.values))
     (held,) = held_readings([(stream.time, stream.values)], by_axis=BY_KEY[stream.holds].is_series)
     if held is None:
         return stream

@@ -378,6 +378,22 @@ def test_one_number_that_marks_no_command_is_a_fault_however_often():
     assert [record.kind for record, _ in dirt] == ["outliers"]
 
 
+def test_one_number_in_all_wheels_far_beyond_the_other_commands_is_a_mark():
+    wheels = [Wheel("xyz"[k], tuple(np.eye(3)[k]), 1e-3) for k in range(3)]
+    torque = np.random.default_rng(1).normal(0.0, 1e-3, (200, 3))
+    torque[[7, 90]] = -0.0328  # -32768 counts
+    channels = {"time": np.arange(200.0), "wheel_torque": torque}
+    kept, dirt = without_impossible_torques(channels, wheels)
+    assert np.isnan(kept["wheel_torque"]).all(axis=1).nonzero()[0].tolist() == [7, 90]
+    assert [record.kind for record, _ in dirt] == ["outliers"]
+    # Beside no other command, or in one wheel alone, it may be one.
+    torque[:] = 0.0
+    torque[[7, 90]] = 0.0328
+    assert without_impossible_torques(channels, wheels)[1] == []
+    one = {"time": np.arange(200.0), "wheel_torque": np.r_[np.full(199, 1e-3), 0.0328][:, None]}
+    assert without_impossible_torques(one, wheels[:1])[1] == []
+
+
 @pytest.mark.parametrize("row", [0, 1, 37, -1])
 @pytest.mark.parametrize("stamp", ["-3.7e283", "0.0", "1e12", "4e5"])
 def test_a_stamp_far_from_all_others_never_counts(tmp_path, row, stamp):

@@ -74,7 +74,9 @@ def test_rows_sent_again_are_no_clock_set_back():
 def test_a_second_session_is_an_error_with_its_line_and_by_how_much(tmp_path, columns):
     twice = {name: np.concatenate([cells, cells]) for name, cells in columns.items()}
     twice["t_ms"][220:] += 100.0
-    assert_teaches(refusal(tmp_path, twice), ["log.csv, line 222", "goes back by 109.4 s"])
+    # The second session's first reading came half a second after the last of the first.
+    words = ["log.csv, line 222", "goes back by 109.4 s", "add 109.9 s"]
+    assert_teaches(refusal(tmp_path, twice), words)
 
 
 def test_a_second_session_in_a_file_of_its_own_is_never_shuffled_in(tmp_path, columns):
