@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
@@ -14,6 +14,8 @@ from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 def outliers_at_rest(values: np.ndarray) -> np.ndarray:
     """Which readings (n,) are far from the running median, as no noise at rest is."""
+    from scipy.ndimage import median_filter
+
     if len(values) < LIMITS.outlier_median_rows:
         return np.zeros(len(values), dtype=bool)
     away = np.abs(values - median_filter(values, LIMITS.outlier_median_rows, mode="nearest"))
@@ -29,7 +31,8 @@ def without_outliers(values: np.ndarray) -> np.ndarray:
     left, right, middle = values[:-2], values[2:], values[1:-1]
     off = np.abs(middle - 0.5 * (left + right))
     usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
-    median = median_filter(values, LIMITS.outlier_rows, mode="nearest")[1:-1]
+    padded = np.pad(values, LIMITS.outlier_rows // 2, mode="edge")
+    median = np.median(sliding_window_view(padded, LIMITS.outlier_rows), axis=-1)[1:-1]
     mended = np.array(values)
     mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
     return mended

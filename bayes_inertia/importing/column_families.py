@@ -244,8 +244,10 @@ def _of_numbers(column: Column, words: Sequence[str]) -> ClockGuess:
     for day in ("mjd", "jd"):
         if day in words:
             named = [f"{day}_{scale}" for scale in ("utc", "tai", "tt") if scale in words]
-            kind = named[0] if len(named) == 1 else UNKNOWN
-            return ClockGuess(kind, "from the name of the column" if named else "")
+            if len(named) == 1:
+                return ClockGuess(named[0], "from the name of the column")
+            hint = f"The column counts days: {day}_utc, {day}_tai or {day}_tt."
+            return ClockGuess(UNKNOWN, hint=hint)
     clocks = {_CLOCKS[word] for word in words if word in _CLOCKS}
     fitting = [kind for kind in dates if kind.partition("_")[0] in clocks]
     if len(fitting) == 1:

@@ -51,14 +51,21 @@ def _wanted(stream: MappedStream) -> tuple[str, ...]:
     return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
+def require_files(paths: Sequence[Path]) -> None:
+    """Raise unless all raw logs are files."""
+    for path in paths:
+        what = "is a folder" if path.is_dir() else "is no file" if path.exists() else "is not there"
+        advice = "name the raw logs themselves"
+        advice += ", such as the .db3 or .mcap in a ROS 2 bag" if path.is_dir() else ""
+        require(path.is_file(), str(path), what, advice)
+
+
 def read_logs(
     files: Sequence[str | Path], mapping: MappingPart, label: str, say: Progress = silent
 ) -> Logs:
     """All streams of a mapping, read from raw files."""
     paths = sorted({Path(file) for file in files}, key=_natural)
-    for path in paths:
-        what = "is no file" if path.exists() else "does not exist"
-        require(path.is_file(), str(path), what, "name the raw logs themselves")
+    require_files(paths)
     tables: dict[tuple, Table] = {}
     shares: list[FileShare] = []
     used: dict[Path, list[MappedStream]] = {}

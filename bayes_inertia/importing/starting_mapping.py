@@ -30,6 +30,7 @@ from bayes_inertia.importing.column_families import (
     guessed_clock,
 )
 from bayes_inertia.importing.limits import LIMITS
+from bayes_inertia.importing.log_reader import require_files
 from bayes_inertia.importing.logged_stream import SHARED_ZERO
 from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT, STREAM_TYPES
 from bayes_inertia.importing.questions import (
@@ -44,6 +45,7 @@ from bayes_inertia.importing.stream_readings import stated_attitude
 from bayes_inertia.tables.raw_files import read_raw, tables_in
 from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, split_unit, stamp_units, time_names
+from bayes_inertia.tables.time_texts import is_date
 
 _FROM_NAMES = "from the names of the columns"
 
@@ -160,6 +162,12 @@ def _time(group: FileGroup) -> str:
     units = stamp_units(table, names)
     if len(names) > 1 and set(units) != {"date"}:
         entry["units"] = [unit or UNKNOWN for unit in units]
+    if (
+        len(names) == 1
+        and guess.kind == "utc"
+        and not is_date(str(table.column(names[0]).values[0]))
+    ):
+        entry["format"] = UNKNOWN
     asked = [key for key, value in entry.items() if value == UNKNOWN]
     hints = {"kind": guess.hint}
     questions = [
@@ -209,6 +217,7 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
 
 def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     """A mapping with a question at everything that the files do not say."""
+    require_files(files)
     groups = _groups(files)
     streams = [(group, family) for group in groups for family in _families(group)]
     streams.sort(key=lambda stream: list(STREAM_TYPES).index(stream[1].holds))

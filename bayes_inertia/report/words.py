@@ -95,7 +95,7 @@ _KINDS = {
     "stuck": "stuck readings",
     "saturated": "saturated readings",
     "duplicate": "repeated rows",
-    "clock": "wrong time stamps",
+    "clock": "errors",
     "quantised": "rounding of the readings",
     "coloured": "noise that is correlated in time",
     "noise_level": "noise of another size than stated",

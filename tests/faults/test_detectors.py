@@ -77,6 +77,13 @@ def test_only_what_cannot_be_real_is_masked():
     assert set(DETECTORS) < set(EVERY)
 
 
+def test_two_outliers_in_a_row_are_both_replaced():
+    motion = np.sin(np.linspace(0.0, 3.0, 300))
+    spiked = motion.copy()
+    spiked[120:122] = 6.5
+    assert np.abs(without_outliers(spiked) - motion).max() < 0.05
+
+
 def test_one_limit_tells_outliers_at_rest_and_in_motion():
     quiet = np.random.default_rng(1).normal(size=300)
     for size, is_one in ((4.0, False), (40.0, True)):

@@ -355,7 +355,8 @@ def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
     assert time_names(table) == [name]
     guess = guessed_clock(table, [name])
     assert guess.kind == kind
-    assert bool(guess.hint) == (kind == "?" and "mjd" not in name)
+    assert bool(guess.hint) == (kind == "?")
+    assert ("mjd_utc" in guess.hint) == (kind == "?" and "mjd" in name)
 
 
 def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
@@ -390,3 +391,19 @@ def test_wheels_of_one_type_are_described_once(tmp_path):
     assert [wheel.get("same_as") for wheel in wheels] == [None, "wheel_x", "wheel_x"]
     assert wheels[1]["axis"] == [0.0, 1.0, 0.0]
     assert text.count("# max_momentum = ...") == 1
+
+
+@pytest.mark.parametrize(
+    ("date", "asks"), [("01/03/2026 23:50:00.0", True), ("2026-03-01 23:50:00.0", False)]
+)
+def test_a_date_that_may_be_read_in_two_ways_asks_how_it_is_written(tmp_path, date, asks):
+    path = tmp_path / "a.csv"
+    path.write_text("utc,wx,wy,wz\n" + 4 * f"{date},0.1,0.2,0.3\n")
+    text = starting_mapping([path]).text
+    assert ('kind = "utc", format = "?"' in text) is asks
+    assert ("%d/%m/%Y" in text) is asks
+
+
+def test_a_folder_is_no_log(tmp_path):
+    with pytest.raises(CampaignError, match=r"is a folder; name the raw logs .* ROS 2 bag"):
+        starting_mapping([tmp_path])
