@@ -238,7 +238,7 @@ def gentle_descents(
     explain, and the columns of their many coefficients cost time.
 
     `start` (d,); `free` (f,). `starts`: how many, the first at the prior mean, others drawn from
-    the prior; more where none comes near the data, until so many have ended at the best place.
+    the prior; more where none comes near the data.
     """
     fixed, free = list(model.structure.hyperparameters), without_hyperparameters(model, free)
     theta = model.space.mean if start is None else np.asarray(start, float)
@@ -257,7 +257,7 @@ def gentle_descents(
     descents: list[tuple[float, Point]] = []
     with compiled_meanwhile(model, Point(theta, np.zeros(model.n_bias), silent)):
         for k, begin in enumerate(thetas):
-            if k >= starts and _are_enough(model, descents, starts, near):
+            if k >= starts and descents and min(o for o, _ in descents) < near:
                 break
             objective, point = _gentle_descent(model, begin, free)
             if np.isfinite(objective):
@@ -268,19 +268,6 @@ def gentle_descents(
             advice="check units and signs of the telemetry columns",
         )
     return descents
-
-
-def _are_enough(
-    model: Model, descents: list[tuple[float, Point]], starts: int, near: float
-) -> bool:
-    """Whether a descent came near the data, or as many as were asked for ended at the best place.
-
-    A model that lacks something comes near them from nowhere.
-    """
-    if not descents:
-        return False
-    best = distinct_optima(model, descents)[0]
-    return min(o for o, _ in descents) < near or best[1] >= starts
 
 
 def _without_bias(model: Model, theta: np.ndarray) -> Point:
@@ -314,26 +301,3 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     if len(core) < len(free):
         point, objective = _to_minimum(model, point, white, free, **gently)
     return objective, point
-
-
-def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
-    """The ends of gentle descents that are worth following, without repetition.
-
-    While the data count weakly an objective hardly tells two optima apart; places do.
-
-    Returns: ends not far worse than the best, best first, and how often each was reached.
-    """
-
-    def in_prior_sd(point: Point) -> np.ndarray:
-        return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
-
-    descents = sorted(descents, key=lambda descent: descent[0])
-    groups: list[list[Point]] = []
-    for objective, point in descents:
-        apart = [np.max(np.abs(in_prior_sd(g[0]) - in_prior_sd(point))) for g in groups]
-        same = [g for g, sds in zip(groups, apart, strict=True) if sds < LIMITS.same_place_sd]
-        if same:
-            same[0].append(point)
-        elif objective <= descents[0][0] + LIMITS.most_objective_excess:
-            groups.append([point])
-    return [(group[0], len(group)) for group in groups]

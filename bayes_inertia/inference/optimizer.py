@@ -7,6 +7,8 @@ basin of attraction, and the best of them with full weight.
 Where the residuals show that the model is not complete (`residual_tests`), the likelihood of
 every slew is discounted by the dispersion of its own residuals, and the estimate is repeated: a
 model that is wrong by many sigmas would otherwise overrule all prior knowledge with its errors.
+
+Which ends of the optimizer's gentle descents are worth following.
 """
 
 from __future__ import annotations
@@ -18,13 +20,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.inference.descent import (
-    descend,
-    distinct_optima,
-    gentle_descents,
-    guess_nuisances,
-    roughly,
-)
+from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
 from bayes_inertia.inference.likelihood import Point, information_blocks
@@ -414,3 +410,26 @@ def _inflated(densities: Densities, spread: list[float], theta: np.ndarray) -> D
         large = density.family.heavy and ratio > LIMITS.inflated
         begin.append(replace(density, inflation=ratio) if large else density)
     return tuple(begin)
+
+
+def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+    """The ends of gentle descents that are worth following, without repetition.
+
+    While the data count weakly an objective hardly tells two optima apart; places do.
+
+    Returns: ends not far worse than the best, best first, and how often each was reached.
+    """
+
+    def in_prior_sd(point: Point) -> np.ndarray:
+        return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
+
+    descents = sorted(descents, key=lambda descent: descent[0])
+    groups: list[list[Point]] = []
+    for objective, point in descents:
+        apart = [np.max(np.abs(in_prior_sd(g[0]) - in_prior_sd(point))) for g in groups]
+        same = [g for g, sds in zip(groups, apart, strict=True) if sds < LIMITS.same_place_sd]
+        if same:
+            same[0].append(point)
+        elif objective <= descents[0][0] + LIMITS.most_objective_excess:
+            groups.append([point])
+    return [(group[0], len(group)) for group in groups]

@@ -23,7 +23,6 @@ from bayes_inertia.inference.cleaning import (
     outlying_fixes,
     outlying_readings,
 )
-from bayes_inertia.inference.descent import distinct_optima
 from bayes_inertia.inference.gates import prior_gate
 from bayes_inertia.inference.likelihood import Point
 from bayes_inertia.inference.noise_colour import (
@@ -400,7 +399,7 @@ def test_scale_factors_far_from_their_prior_are_never_trusted(clean_at, flown):
 
 def test_a_huge_objective_is_no_reason_to_lose_the_only_optimum(clean_at):
     descents = [(1e60, clean_at.point)]
-    assert len(distinct_optima(clean_at.model, descents)) == 1
+    assert len(optimizer.distinct_optima(clean_at.model, descents)) == 1
 
 
 def test_normal_equations_that_are_singular_end_in_a_message():

@@ -11,13 +11,17 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.inference import descent, optimizer
-from bayes_inertia.inference.descent import distinct_optima, gentle_descents
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import Information, Point, information_blocks
-from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import discounted, whitening
-from bayes_inertia.inference.optimizer import estimate, move_to, re_estimate, resumed
+from bayes_inertia.inference.optimizer import (
+    distinct_optima,
+    estimate,
+    move_to,
+    re_estimate,
+    resumed,
+)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import TorqueNoise, by_name
 from bayes_inertia.physics.forward_model import Model
@@ -58,20 +62,6 @@ def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_d
     )
     assert [count for _, count in kept] == [2, 1]
     assert kept[1][0] is there
-
-
-@pytest.mark.parametrize(("apart", "count"), [(0.0, 3), (1.0, LIMITS.most_starts)])
-def test_descents_that_all_end_far_from_the_data_stop_once_enough_agree(
-    fitted, monkeypatch, apart, count
-):
-    ends = iter(range(LIMITS.most_starts))
-
-    def far_away(model, theta, free):
-        place = replace(fitted.point, local=fitted.point.local + apart * next(ends))
-        return 1e9, place
-
-    monkeypatch.setattr(descent, "_gentle_descent", far_away)
-    assert len(gentle_descents(fitted.model, 1, 3, None, fitted.free)) == count
 
 
 def test_a_fit_that_begins_where_no_telemetry_is_finite_is_brought_back(fitted):
