@@ -313,6 +313,20 @@ def _usual_errors(
     return usual
 
 
+def _mark(torque: np.ndarray) -> np.ndarray:
+    """Rows (n,) that may hold a mark of "no command", however small.
+
+    That is one number in all of several wheels, the largest such, that stands alone here and there
+    and never with the other sign: commands that turn a body last, and stop it again.
+    """
+    alike = (torque == torque[:, :1]).all(axis=1) & (torque.shape[1] > 1)
+    number = torque[np.argmax(np.where(alike, np.abs(torque[:, 0]), -1.0)), 0]
+    rows = alike & (torque[:, 0] == number)
+    begins = int(np.sum(rows[1:] & ~rows[:-1])) + int(rows[0])
+    alone = begins > 1 and np.sum(rows) < 2 * begins
+    return rows & (alone and not np.any(alike & (torque[:, 0] == -number)))
+
+
 def without_impossible_torques(
     channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
 ) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
@@ -322,11 +336,10 @@ def without_impossible_torques(
         return channels, []
     size = np.abs(np.nan_to_num(torque))
     absurd = size > np.array([unattainable(wheel, "torque") for wheel in wheels])
-    # One number in all wheels may be a mark of "no command", however small.
-    alike = (torque == torque[:, :1]).all(axis=1, keepdims=True) & (len(wheels) > 1)
-    usual = size[~(absurd | alike)].max(initial=0.0)
+    mark = _mark(torque)[:, None]
+    usual = size[~(absurd | mark)].max(initial=0.0)
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
-    absurd = (absurd | (alike & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
+    absurd = (absurd | (mark & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
     # One number again and again is no command in another unit, but a mark of "no command".
     marked = np.sum(absurd) >= FAULTS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
     most = FAULTS.share_of_marker if marked else FAULTS.few_impossible

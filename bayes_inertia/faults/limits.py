@@ -135,6 +135,7 @@ class Limits:
     # can be told of the clock.
     fine_resolution: float = 0.01
     coarse_resolution: float = 0.4
+    on_a_multiple: float = 0.02  # of a resolution: how far a step may be from a multiple of it
     # Stamps are uneven if this share of steps differs from the median by that share of it: a few
     # other stamps between those of a regular clock are no jitter.
     uneven_share: float = 0.25

@@ -10,7 +10,6 @@ one regular clock lies within half a resolution of every stamp, its times are th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -158,35 +157,27 @@ def _alternate(steps: np.ndarray, step: float) -> bool:
 
 
 def _resolution(time: np.ndarray, step: float) -> float | None:
-    """The decimal or binary unit of which all stamps are multiples, if it is coarse enough.
+    """The unit of which all steps between stamps are multiples, if it is coarse enough.
 
     Stamps of 32 bits have the finest unit at their smallest times and the coarsest at their
-    largest; the latter is the one that every stamp is rounded to at least as well as.
+    largest; the latter is the one that every stamp is rounded to at least as well as. Others step
+    by two neighbouring multiples of their unit, be it 10 ms or a millionth of a day.
     """
     largest = float(np.abs(time).max())
-    least, most = LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
     # A wild stamp overflows, and is none of 32 bits.
     with np.errstate(over="ignore"):
-        single = time.astype(np.float32).astype(float)
-    if np.array_equal(single, time):
-        resolution = float(np.spacing(np.float32(largest)))
-        if resolution > least:
-            return resolution if resolution <= most else None
-    fuzz = 4.0 * float(np.spacing(largest)) + 1e-9 * step
-    for resolution in _round_numbers(least, most):
-        if np.all(np.abs(time - resolution * np.round(time / resolution)) <= fuzz):
-            return resolution
-    return None
-
-
-def _round_numbers(least: float, most: float) -> list[float]:
-    """Powers of ten and of two between two numbers, the largest first."""
-    powers = [
-        base ** float(n)
-        for base in (2.0, 10.0)
-        for n in range(math.ceil(math.log(least, base)), math.floor(math.log(most, base)) + 1)
-    ]
-    return sorted(powers, reverse=True)
+        single = np.array_equal(time.astype(np.float32).astype(float), time)
+    least, most = LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
+    resolution = float(np.spacing(np.float32(largest))) if single else 0.0
+    if not resolution > least:
+        steps = np.sort(np.diff(time))
+        gaps = np.diff(steps[np.abs(steps - step) < 0.5 * step])
+        # Numbers of many digits are rounded themselves: Julian days to some microseconds.
+        resolution = float(gaps[gaps > 0.1 * least].min(initial=np.inf))
+        multiples = steps / resolution
+        if np.abs(multiples - np.round(multiples)).max() > LIMITS.on_a_multiple:
+            return None
+    return resolution if least <= resolution <= most else None
 
 
 def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None:

@@ -41,7 +41,7 @@ from bayes_inertia.tables.table import Column, Table, is_empty
 # What ends a name, without signs and in small letters -> unit.
 _UNITS = by_word(vocabulary("tables")["endings"])
 _NAMED = vocabulary("tables")["names_of_times"]
-_TIME, _LATER_TIME = re.compile(_NAMED["first"]), re.compile(_NAMED["later"])
+_TIME, _LATER_TIME, _RECEIPT = (re.compile(_NAMED[key]) for key in ("first", "later", "receipt"))
 # Units of parts of a stamp, the coarsest first.
 _ORDER = ("week", "year", "month", "doy", "day", "h", "min", "s", "ms", "us", "ns")
 _FINE = frozenset({"fine", "frac", "fraction", "sub", "subsec", "subsecs", "subseconds", "ticks"})
@@ -79,6 +79,7 @@ def time_names(table: Table) -> list[str]:
         if _TIME.fullmatch(re.split(r"[^a-z]+", split_unit(name)[0].lower().strip("_ "))[0])
     ]
     named = named or [n for n in table.columns if _LATER_TIME.fullmatch(n.lower().strip("_ "))]
+    named.sort(key=lambda name: bool(_RECEIPT.fullmatch(name.lower())))
     return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 

@@ -386,7 +386,11 @@ def test_one_number_in_all_wheels_far_beyond_the_other_commands_is_a_mark():
     kept, dirt = without_impossible_torques(channels, wheels)
     assert np.isnan(kept["wheel_torque"]).all(axis=1).nonzero()[0].tolist() == [7, 90]
     assert [record.kind for record, _ in dirt] == ["outliers"]
-    # Beside no other command, or in one wheel alone, it may be one.
+    # With the other sign, in a row, beside no other command, or in one wheel alone it may be one.
+    for rows, number in (([90], 0.0328), ([8, 91], -0.0328)):
+        slew = torque.copy()
+        slew[rows] = number
+        assert without_impossible_torques(channels | {"wheel_torque": slew}, wheels)[1] == []
     torque[:] = 0.0
     torque[[7, 90]] = 0.0328
     assert without_impossible_torques(channels, wheels)[1] == []

@@ -22,6 +22,12 @@ ROUNDED = {
     "two decimals of 30 Hz": (np.round(ROWS / 30.0, 2), 1.0 / 30.0),
     "truncated, 7 Hz": (np.floor(100.0 * (ROWS / 7.0 + 1e-6)) / 100.0, 1.0 / 7.0),
     "milliseconds of 60 Hz": (np.round(1e3 * ROWS / 60.0), 1e3 / 60.0),
+    "days with six decimals": (86400.0 * np.round(61100.0 + 0.25 * ROWS / 86400.0, 6), 0.25),
+    "Julian days from their first": (
+        86400.0 * (np.round(2461100.5 + 0.25 * ROWS / 86400.0, 6) - 2461100.5),
+        0.25,
+    ),
+    "ticks of 20 Hz": (np.round(20.0 * 0.48 * ROWS) / 20.0, 0.48),
 }
 
 

@@ -45,6 +45,12 @@ LOOKS = [
     ("a.csv", "t_s wheel_radps", ["t_s"], [("wheel_speed", 1, "rad/s")]),
     ("a.csv", "t temperature voltage", ["t"], []),
     (
+        "a.csv",
+        "TARGET RECEIVED_TIMEFORMATTED PACKET_TIMESECONDS GYRO_X GYRO_Y GYRO_Z",
+        ["PACKET_TIMESECONDS"],
+        [("rate", 3, "")],
+    ),
+    (
         "cosmos.txt",
         "TARGET RECEIVED_TIMESECONDS GYRO_X GYRO_Y GYRO_Z",
         ["RECEIVED_TIMESECONDS"],
