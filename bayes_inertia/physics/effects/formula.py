@@ -170,10 +170,8 @@ _VALUES: Mapping[str, Callable[[SlewContext, Array, State, int], Array]] = {
     "rate_times_time": lambda s, t, x, w: (s.start + t - s.middle) * x.rate_B,
     "rate_squares": lambda s, t, x, w: x.rate_B**2,
     "rate_products": lambda s, t, x, w: _products(x.rate_B),
-    "momentum": lambda s, t, x, w: fused_product(s.wheel_axes_B, x.wheel_momentum),
-    "gyroscopic": lambda s, t, x, w: jnp.cross(
-        x.rate_B, fused_product(s.wheel_axes_B, x.wheel_momentum)
-    ),
+    "momentum": lambda s, t, x, w: _stored(s, x),
+    "gyroscopic": lambda s, t, x, w: jnp.cross(x.rate_B, _stored(s, x)),
     "command": lambda s, t, x, w: fused_product(s.wheel_axes_B, _commanded(s, t)),
     "field": lambda s, t, x, w: _field(x),
     "field_change": lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)),
