@@ -313,7 +313,7 @@ def _usual_errors(
     return usual
 
 
-def _mark(torque: np.ndarray) -> np.ndarray:
+def _no_command(torque: np.ndarray) -> np.ndarray:
     """Rows (n,) that may hold a mark of "no command", however small.
 
     That is one number in all of several wheels, the largest such, that stands alone here and there
@@ -336,10 +336,10 @@ def without_impossible_torques(
         return channels, []
     size = np.abs(np.nan_to_num(torque))
     absurd = size > np.array([unattainable(wheel, "torque") for wheel in wheels])
-    mark = _mark(torque)[:, None]
-    usual = size[~(absurd | mark)].max(initial=0.0)
+    lost = _no_command(torque)[:, None]
+    usual = size[~(absurd | lost)].max(initial=0.0)
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
-    absurd = (absurd | (mark & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
+    absurd = (absurd | (lost & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
     # One number again and again is no command in another unit, but a mark of "no command".
     marked = np.sum(absurd) >= FAULTS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
     most = FAULTS.share_of_marker if marked else FAULTS.few_impossible

@@ -31,8 +31,8 @@ def without_outliers(values: np.ndarray) -> np.ndarray:
     left, right, middle = values[:-2], values[2:], values[1:-1]
     off = np.abs(middle - 0.5 * (left + right))
     usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
+    far = 1 + np.flatnonzero(off > LIMITS.outlier_sds * usual)
     padded = np.pad(values, LIMITS.outlier_rows // 2, mode="edge")
-    median = np.median(sliding_window_view(padded, LIMITS.outlier_rows), axis=-1)[1:-1]
     mended = np.array(values)
-    mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
+    mended[far] = np.median(sliding_window_view(padded, LIMITS.outlier_rows)[far], axis=-1)
     return mended

@@ -172,12 +172,12 @@ def _resolution(time: np.ndarray, step: float) -> float | None:
     if not resolution > least:
         steps = np.sort(np.diff(time))
         gaps = np.diff(steps[np.abs(steps - step) < 0.5 * step])
-        # Numbers of many digits are rounded themselves: Julian days to some microseconds.
-        resolution = float(gaps[gaps > 0.1 * least].min(initial=np.inf))
+        # Smaller gaps are of no use, or rounding of the numbers: of Julian days some microseconds.
+        resolution = float(gaps[gaps >= least].min(initial=np.inf))
         multiples = steps / resolution
         if np.abs(multiples - np.round(multiples)).max() > LIMITS.on_a_multiple:
             return None
-    return resolution if least <= resolution <= most else None
+    return resolution if resolution <= most else None
 
 
 def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None:

@@ -112,7 +112,8 @@ def import_logs(
     _refuse_occupied(folder, data)
     written = read_logs(paths, parsed, label, say)
     say("cutting the log into slews", 0, 0)
-    logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
+    counted = {key: _once(_attainable(stream)) for key, stream in written.streams.items()}
+    logs = replace(written, streams=counted)
     _refuse_other_unit_of_time(logs, label)
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
@@ -167,16 +168,18 @@ def _refuse_occupied(folder: Path, mapping: bytes) -> None:
     require(free, str(where), "would overwrite another campaign", advice, error=OutputError)
 
 
-def _once(stream: LoggedStream) -> LoggedStream:
-    """A stream without rows that only repeat a reading; commands are held by nature.
+def _attainable(stream: LoggedStream) -> LoggedStream:
+    """A stream without rates that no body reaches: a mark of "no reading" is no motion."""
+    if stream.holds != "rate":
+        return stream
+    beyond = np.abs(stream.values) > FAULTS.fastest_rate
+    return replace(stream, values=np.where(beyond, np.nan, stream.values))
 
-    Rates that nothing can reach, such as a mark of "no reading", tell nothing of rest and motion.
-    """
+
+def _once(stream: LoggedStream) -> LoggedStream:
+    """A stream without rows that only repeat a reading; commands are held by nature."""
     if stream.holds not in BY_KEY:
         return stream
-    if stream.holds == "rate":
-        beyond = np.abs(stream.values) > FAULTS.fastest_rate
-        stream = replace(stream, values=np.where(beyond, np.nan, stream.values))
     (held,) = held_readings([(stream.time, stream.values)], by_axis=BY_KEY[stream.holds].is_series)
     if held is None:
         return stream

@@ -131,7 +131,7 @@ def _refuse_set_back(stream: LoggedStream, place: Callable[[int], str]) -> None:
     size = float(stream.time[row - 1] - stream.time[row])
     what = f"the clock goes back by {size:.6g} s and runs on from there"
     # A reading came between the two stamps.
-    more = size + float(np.median(np.abs(np.diff(stream.time))))
+    more = size + stream.step
     advice = 'if another session begins here, give it a file of its own and write epoch = "file"; '
     advice += f"if the clock was set back, add {more:.6g} s from this row on; if only the rows are "
     advice += "in another order, sort the file by time"

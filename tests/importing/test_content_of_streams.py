@@ -234,6 +234,19 @@ def test_marks_of_other_streams_are_stated_in_the_mapping(tmp_path, columns):
     assert len(streams["wheel_speed"].time) == 360
 
 
+def test_rates_that_no_body_reaches_hide_no_slew(tmp_path, columns):
+    for folder in ("clean", "marked"):
+        (tmp_path / folder).mkdir()
+    clean = imported(tmp_path / "clean", columns).cut.windows
+    for name in RATES:
+        columns[name][100:103] = -99999.0
+    marked = imported(tmp_path / "marked", columns)
+    assert [w.name for w in marked.cut.windows] == [w.name for w in clean]
+    turned = [w.turned for w in clean]
+    assert [w.turned for w in marked.cut.windows] == pytest.approx(turned, rel=0.01)
+    assert "outliers" in {record.kind for record in marked.campaign.dirt}
+
+
 def test_flagged_rows_need_be_no_attitude(tmp_path, columns):
     columns["flag"] = np.arange(len(columns["q1"])) % 2
     columns["q1"] = np.where(columns["flag"] == 0, 7.0, columns["q1"])

@@ -332,3 +332,6 @@ def test_a_slew_with_two_records_of_one_kind_is_counted_once():
     record = {"kind": "outliers", "channel": "rate", "treated": "masked", "slew": "a"}
     (said,) = dirt_sentences([record | {"rows": [3, 9]}, record | {"rows": [4]}])
     assert said == "Outliers of the rate sensor: 3 rows (a), left out."
+    stamps = {"kind": "clock", "channel": "time", "slew": "a", "treated": "modelled", "rows": [3]}
+    (said,) = dirt_sentences([stamps])
+    assert said.startswith("Errors of the time stamps")
