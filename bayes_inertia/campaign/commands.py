@@ -46,6 +46,7 @@ from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew_parts import MORE, Channels, with_rows_at, without_intervals
 from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.faults.gaps import gap_note, is_regular, missing_rows, unbroken_rows
+from bayes_inertia.faults.impossible import far_beyond
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
 
@@ -313,20 +314,6 @@ def _usual_errors(
     return usual
 
 
-def _no_command(torque: np.ndarray) -> np.ndarray:
-    """Rows (n,) that may hold a mark of "no command", however small.
-
-    That is one number in all of several wheels, the largest such, that stands alone here and there
-    and never with the other sign: commands that turn a body last, and stop it again.
-    """
-    alike = (torque == torque[:, :1]).all(axis=1) & (torque.shape[1] > 1)
-    number = torque[np.argmax(np.where(alike, np.abs(torque[:, 0]), -1.0)), 0]
-    rows = alike & (torque[:, 0] == number)
-    begins = int(np.sum(rows[1:] & ~rows[:-1])) + int(rows[0])
-    alone = begins > 1 and np.sum(rows) < 2 * begins
-    return rows & (alone and not np.any(alike & (torque[:, 0] == -number)))
-
-
 def without_impossible_torques(
     channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
 ) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
@@ -334,12 +321,9 @@ def without_impossible_torques(
     torque = channels.get("wheel_torque")
     if torque is None:
         return channels, []
-    size = np.abs(np.nan_to_num(torque))
-    absurd = size > np.array([unattainable(wheel, "torque") for wheel in wheels])
-    lost = _no_command(torque)[:, None]
-    usual = size[~(absurd | lost)].max(initial=0.0)
+    limits = np.array([unattainable(wheel, "torque") for wheel in wheels])
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
-    absurd = (absurd | (lost & (usual > 0.0))) & (size > FAULTS.impossible_factor * usual)
+    absurd = far_beyond(torque, limits)
     # One number again and again is no command in another unit, but a mark of "no command".
     marked = np.sum(absurd) >= FAULTS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
     most = FAULTS.share_of_marker if marked else FAULTS.few_impossible

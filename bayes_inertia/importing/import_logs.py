@@ -17,6 +17,7 @@ from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import content_of, files_of
 from bayes_inertia.errors import CampaignError, OutputError, members, require
 from bayes_inertia.faults.held import held_readings
+from bayes_inertia.faults.impossible import no_readings
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.files import path_of, read_bytes, text_of, write_new_files
@@ -172,8 +173,8 @@ def _attainable(stream: LoggedStream) -> LoggedStream:
     """A stream without rates that no body reaches: a mark of "no reading" is no motion."""
     if stream.holds != "rate":
         return stream
-    beyond = np.abs(stream.values) > FAULTS.fastest_rate
-    return replace(stream, values=np.where(beyond, np.nan, stream.values))
+    marks = no_readings(stream.values, FAULTS.fastest_rate)
+    return replace(stream, values=np.where(marks, np.nan, stream.values))
 
 
 def _once(stream: LoggedStream) -> LoggedStream:

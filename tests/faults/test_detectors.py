@@ -35,6 +35,11 @@ def marked(time: np.ndarray, values: np.ndarray):
     return time, values
 
 
+def marked_as_in_degrees(time: np.ndarray, values: np.ndarray):
+    values[[50, 90]] = np.deg2rad(-9999.0)
+    return time, values
+
+
 def at_range(time: np.ndarray, values: np.ndarray):
     values[70:75, 0] = 1.0
     return time, values
@@ -52,6 +57,7 @@ def rounded(time: np.ndarray, values: np.ndarray):
 CASES = (
     (gaps.detect, lost, "gap", 1),
     (impossible.detect, marked, "outliers", 1),
+    (impossible.detect, marked_as_in_degrees, "outliers", 2),
     (saturated.detect, at_range, "saturated", 5),
     (stuck.detect, standing, "stuck", 30),
     (quantisation.detect, rounded, "quantised", 0),

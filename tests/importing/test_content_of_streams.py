@@ -234,12 +234,13 @@ def test_marks_of_other_streams_are_stated_in_the_mapping(tmp_path, columns):
     assert len(streams["wheel_speed"].time) == 360
 
 
-def test_rates_that_no_body_reaches_hide_no_slew(tmp_path, columns):
+@pytest.mark.parametrize(("rows", "mark"), [((100, 101, 102), -99999.0), ((100, 140), -9999.0)])
+def test_marks_among_the_rates_hide_no_slew(tmp_path, columns, rows, mark):
     for folder in ("clean", "marked"):
         (tmp_path / folder).mkdir()
     clean = imported(tmp_path / "clean", columns).cut.windows
     for name in RATES:
-        columns[name][100:103] = -99999.0
+        columns[name][list(rows)] = mark
     marked = imported(tmp_path / "marked", columns)
     assert [w.name for w in marked.cut.windows] == [w.name for w in clean]
     turned = [w.turned for w in clean]
