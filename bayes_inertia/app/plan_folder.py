@@ -55,14 +55,12 @@ PAPER = "paper"
 
 
 def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
-    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended.
+    """Plans from files, or `paper`, all of them from where the campaign ended.
 
     Those that would be printed alike bear the name of their file too.
     """
     base, wheels = following_plan(campaign), len(campaign.without_locked_wheels().wheels)
-    # The paper's slews from where the campaign ended, so that all plans start alike.
-    paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)
-    read = [(text, paper if text == PAPER else plan_for(text, wheels, base)) for text in texts]
+    read = [(text, plan_for(text, wheels, base)) for text in texts]
     printed = [plain(plan.name) for _, plan in read]
     named = {
         plan.name if printed.count(name) == 1 else f"{plan.name} ({Path(text).stem})": plan
@@ -74,7 +72,14 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
 
 def plan_for(path: str | Path, wheels: int, base: Plan | None = None) -> Plan:
-    """The plan in a file, for a spacecraft of so many wheels; `base`: see `read_plan`."""
+    """The plan in a file, for a spacecraft of so many wheels; `base`: see `read_plan`.
+
+    `paper` stands for five slews like the paper's, which start as `base` does.
+    """
+    if str(path) == PAPER:
+        like = paper_like_plan()
+        name = "five slews like the paper's"
+        return like if base is None else replace(base, name=name, slews=like.slews)
     plan = read_plan(path, base)
     try:
         plan_start(plan, wheels)
@@ -405,7 +410,7 @@ def run_simulate(
         require(not draw, "--draw", "J and K cannot be drawn without a prior", advice)
         mission = most_like_mission()
         wheels = len(mission.spacecraft.wheels)
-        chosen = paper_like_plan() if plan in (None, PAPER) else plan_for(str(plan), wheels)
+        chosen = plan_for(plan or PAPER, wheels)
         flight = simulate(chosen, mission, folder, seed, hidden=hidden)
         notes = note_of_broken_limits(chosen, mission)
         return _simulated(folder, flight.campaign, "the MOST-like spacecraft", *notes)

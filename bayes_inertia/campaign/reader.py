@@ -7,6 +7,7 @@ import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,21 @@ def read_campaign(path: str | Path) -> Campaign:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
-    return with_known_momentum(with_dirt_masked(read_unmasked(path)))
+    return _with_fewest_cuts(lambda keep: read_unmasked(path, keep_commands=keep))
+
+
+def _with_fewest_cuts(written: Callable[[bool], Campaign]) -> Campaign:
+    """The campaign that tachometers drive where commands are lost, unless that cuts more slews.
+
+    `written`: it with every reading, by whether commands with gaps are kept. A message that holds
+    torques and speeds takes both along where it is lost.
+    """
+    measured = written(False)
+    whole, masked = len(measured.slews), with_known_momentum(with_dirt_masked(measured))
+    if len(masked.slews) <= whole:
+        return masked
+    commanded = with_dirt_masked(written(True))
+    return commanded if commanded.has_commands and len(commanded.slews) <= whole else masked
 
 
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
@@ -120,13 +135,19 @@ def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
     """The campaign that a folder with this description and these tables is; nothing is written."""
-    return with_known_momentum(with_dirt_masked(unmasked_of(description, label, tables)))
+    return _with_fewest_cuts(partial(unmasked_of, description, label, tables))
 
 
-def unmasked_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
+def unmasked_of(
+    description: str, label: str, tables: Mapping[str, Table], keep_commands: bool = False
+) -> Campaign:
     """The same with every reading, believable or not."""
     parsed = parse_description(description, label)
-    return _assembled(parsed, label, lambda file, names, _: tables[file].only(names))
+
+    def table(file: str, names: Sequence[str], _: str) -> Table:
+        return tables[file].only(names)
+
+    return _assembled(parsed, label, table, keep_commands)
 
 
 def _assembled(

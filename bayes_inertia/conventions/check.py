@@ -21,7 +21,7 @@ from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
-from bayes_inertia.campaign.reader import read_unmasked
+from bayes_inertia.campaign.reader import read_campaign, read_unmasked
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import ATTITUDE, BY_KEY, KINDS, MOMENTUM, RATE, SensorStream
 from bayes_inertia.conventions import wording
@@ -256,7 +256,8 @@ def check_conventions(
     if any(dirt.kind == "gap" and dirt.channel == "torque" for dirt in masked.dirt):
         # A fit needs no commands where tachometers are; here both are held against each other.
         written = read_unmasked(campaign, keep_commands=True)
-        masked = replace(with_dirt_masked(written), dirt=masked.dirt)
+        kept, used = with_dirt_masked(written), read_campaign(campaign).has_commands
+        masked = kept if used else replace(kept, dirt=masked.dirt)
     stated = stated_by(masked, parse_description(text, str(path)))
     case = _Case(masked, written, quick, ToldTorques(masked, told), stated, text)
     if _suspect(written, masked):

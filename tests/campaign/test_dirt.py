@@ -16,6 +16,7 @@ from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_campaign, read_unmasked
 from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.stuck import stuck_readings
 
@@ -113,6 +114,25 @@ def test_a_lost_row_leaves_its_commands_unknown(tmp_path):
     assert not campaign.has_commands
     again = read_campaign(write_campaign(campaign, tmp_path / "again"))
     assert_same(replace(again, dirt=()), replace(campaign, dirt=()))
+
+
+def test_commands_drive_a_slew_that_lost_tachometers_would_cut(tmp_path, clean):
+    """A message that holds torques and speeds takes both along where it is lost."""
+
+    def lost(header, rows):
+        for name in ("u1_Nm", "u2_Nm", "u3_Nm", "h1_Nms", "h2_Nms", "h3_Nms"):
+            for k in (120, 121, 122, 200, 201, 202, 300, 301, 302):
+                rows[k][header.index(name)] = ""
+
+    folder = dirty(tmp_path / "c", lost)
+    campaign = read_campaign(folder)
+    assert [slew.name for slew in campaign.slews] == [slew.name for slew in clean.slews]
+    assert campaign.has_commands
+    assert campaign.slews[0].lost_command is not None
+    assert ("gap", "torque", "modelled") in kinds(campaign)
+    told = [(row["channel"], row["treated"]) for row in check_conventions(folder).dirt]
+    assert ("torque", "modelled") in told
+    assert ("torque", "masked") not in told
 
 
 def test_without_tachometers_the_slew_is_cut_at_too_many_lost_rows(tmp_path, clean):
