@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.files import by_word, vocabulary
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.questions import UNKNOWN
 from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
 from bayes_inertia.tables.table import Column, Table
@@ -25,6 +26,8 @@ _WORDS = vocabulary("importing")["columns"]
 # Quantities of the same sensors and estimators that are none of a campaign.
 _OTHER = re.compile(r".*(acc|linear|deriv|covar|reset|delta).*")
 _SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is a wheel's command.
+# A q, but not that of torque, trq, freq, sequence or squared.
+_QUATERNION = re.compile(r".*((?<!tr)(?<!fre)q(?!u)|quat|att|orientation|beta)[a-z_]*")
 # Names that leave the quantity to the name of the file, as a message of ROS or PX4 does.
 _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
 
@@ -46,7 +49,7 @@ def families(table: Table, file: str) -> list[ColumnFamily]:
     numbers = {
         n: c for n, c in table.columns.items() if not c.is_text and n not in time_names(table)
     }
-    taken: set[str] = set()
+    numbers, taken = _filled(numbers), set[str]()
     result: list[ColumnFamily] = []
     for find in (_matrices, _quaternions, _vectors, _single_wheels):
         for family in find({n: c for n, c in numbers.items() if n not in taken}, file):
@@ -95,10 +98,10 @@ def _matrices(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily
 
 def _quaternions(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
     for members, scalar in _WORDS["quaternions"]:
-        for template, names, _ in _groups(columns, members):
+        for template, names, unit in _groups(columns, members):
             word = re.sub(r"[./]0$", "", template.partition("*")[0]).strip("_ [./")
-            is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|orientation|beta)[a-z_]*", word)
-            if len(names) == 4 and is_quaternion and not _OTHER.fullmatch(word):
+            is_quaternion = _QUATERNION.fullmatch(word) and not _OTHER.fullmatch(word)
+            if len(names) == 4 and is_quaternion and not unit:
                 yield ColumnFamily("attitude", tuple(names), form="quaternion", scalar=scalar)
 
 
@@ -106,7 +109,7 @@ def _vectors(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]
     """Three columns a vector, or one a wheel."""
     taken: set[str] = set()
     candidates = [
-        (members, *group) for members in _WORDS["members"] for group in _groups(columns, members)
+        (members, *group) for members in _members(columns) for group in _groups(columns, members)
     ]
     # Of [0] to [3] all four are meant, not [1] to [3].
     for members, template, names, unit in sorted(candidates, key=lambda c: -len(c[2])):
@@ -116,6 +119,25 @@ def _vectors(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]
         if family is not None:
             yield family
             taken |= set(names)
+
+
+def _members(columns: Mapping[str, Column]) -> list[list[str]]:
+    """Words in which columns of one quantity differ: names of axes, and numbers from 0 or 1."""
+    numbers = [int(number) for name in columns for number in re.findall(r"\d+", name)]
+    last = max((number for number in numbers if number <= LIMITS.last_index), default=0)
+    counted = ([f"{k:0{n}}" for k in range(first, last + 1)] for n in (1, 2) for first in (1, 0))
+    return [*_WORDS["members"], *filter(None, counted)]
+
+
+def _filled(columns: Mapping[str, Column]) -> dict[str, Column]:
+    """Columns without the places at the end of an array that no wheel fills."""
+    idle: set[str] = set()
+    for members in _members(columns):
+        for _, names, _ in _groups(columns, members):
+            is_array = len(names) > LIMITS.most_wheels
+            while is_array and names and not np.any(columns[names[-1]].values):
+                idle.add(names.pop())
+    return {name: column for name, column in columns.items() if name not in idle}
 
 
 def _single_wheels(columns: Mapping[str, Column], file: str) -> Iterator[ColumnFamily]:
@@ -155,7 +177,7 @@ def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None
     if unit in _WORDS["of_unit"]:
         return str(_WORDS["of_unit"][unit])
     of_wheels = re.search(r"wheel|whl|rw|hwhl", f"{text} {file}")
-    if unit in ("rads", "degs") or (of_wheels and re.search("omega|rate", text)):
+    if unit in ("rads", "degs") or (of_wheels and re.search("omega|rate|velocity", text)):
         return "wheel_speed" if of_wheels else "rate"
     for holds, words in _WORDS["kinds"].items():
         if re.fullmatch(words, text) and (

@@ -98,6 +98,11 @@ class Limits:
     most_alike_steps: float = 0.9
     fewest_alike_steps: int = 30
 
+    # `column_families.py`
+    last_index: int = 99  # Larger numbers in names are years, serial numbers or addresses.
+    # Arrays with room for more are those of a simulator (36 in Basilisk), filled from the first.
+    most_wheels: int = 12
+
     # `starting_mapping.py`
     most_packets: int = 40  # More different values are a counter, or texts.
 

@@ -101,7 +101,7 @@ def _pattern(files: Sequence[Path]) -> list[str]:
 
 def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
     """Content by the name of the first column, or of a file of PX4, which is its message."""
-    stem, name = group.files[0].stem, family.names[0]
+    stem, name = group.table_name or group.files[0].stem, family.names[0]
     return notation_of(family.holds, f"{stem}/{name}" if "vehicle_" in stem else name)
 
 
@@ -303,6 +303,9 @@ def _filled(table: Table, packet: str, rows: np.ndarray) -> Table:
 def _families(group: FileGroup) -> list[ColumnFamily]:
     packet = "" if group.packet is None else f"{group.packet[1]}_"
     found, stated = families(group.table, packet + group.files[0].name), group.table.attitude
+    if group.table_name:
+        # A topic of PX4 or ROS names what its message holds, where its fields do not.
+        found = families(group.table, group.table_name.replace(".", "_")) or found
     if stated is None:
         return found
     family = ColumnFamily("attitude", stated.names, form="quaternion" if stated.scalar else "euler")

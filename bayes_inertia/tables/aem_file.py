@@ -71,9 +71,13 @@ def read_aem(path: Path, table: str = "") -> Table:
 
 
 def aem_segments(path: Path) -> list[str]:
-    """Names of the segments of a message; one empty name where there is one segment."""
-    names = list(_segments(path))
-    return names if len(names) > 1 else [""]
+    """Names of the segments of a message; one empty name where they make one table."""
+    segments = _segments(path)
+    try:
+        joined_segments([segment_table(segment) for segment in segments.values()])
+    except CampaignError:  # Each may be read by itself.
+        return list(segments)
+    return [""]
 
 
 def _segments(path: Path) -> dict[str, AemSegment]:

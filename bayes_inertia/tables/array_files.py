@@ -149,6 +149,10 @@ class FileArrays:
     arrays: dict[str, np.ndarray] = field(default_factory=dict)  # Numbers and texts
     units: dict[str, str] = field(default_factory=dict)  # Units that the file states
     closed: dict[str, str] = field(default_factory=dict)  # What could not be read, and what it is
+    # How to write what is closed.
+    advice: str = (
+        "save it as a struct: s = struct('Time', ts.Time, 'Data', ts.Data); save('log.mat', 's')"
+    )
     left: float = float("inf")  # Bytes that further arrays may have
 
     def check_size(self, path: str, size: int) -> None:

@@ -186,19 +186,43 @@ def bag_arrays(path: Path) -> FileArrays:
                     message = bag.deserialize(data, connection.msgtype)
                 except Exception:  # A message of an unknown type closes its topic, not the bag.
                     held.closed[connection.topic] = f"messages of type {connection.msgtype}"
+                    held.advice = _OTHER_MESSAGES
                     continue
                 topic["received"].append(received)
                 for field, value in _fields(message, ""):
                     topic.setdefault(field, []).append(value)
     except Exception as error:  # rosbags raises whatever it stumbles over.
-        raise _unreadable(error, "a ROS bag", str(path), "download it again") from error
-    for name, fields in columns.items():
+        advice = "download it again; `rosbag reindex` mends one whose recording was killed"
+        raise _unreadable(error, "a ROS bag", str(path), advice) from error
+    flat = [topic.replace("/", "_") for topic in columns]
+    for (path_of_topic, fields), name in zip(columns.items(), flat, strict=True):
+        # Of /imu/data and /imu_data the first keeps its slash, as a dot.
+        name = name if flat.count(name) == 1 else path_of_topic.replace("/", ".")
         rows = len(fields["received"])
-        for field, values in fields.items():
+        for field, values in _measured(fields, f"/{path_of_topic}", held).items():
             if len(values) == rows:
                 unit = "ns" if field == "received" else ""
-                held.add(f"{name.replace('/', '_')}/{field}", np.array(values), unit)
+                held.add(f"{name}/{field}", np.array(values), unit)
     return held
+
+
+def _measured(
+    fields: Mapping[str, list[Any]], topic: str, held: FileArrays
+) -> dict[str, list[Any]]:
+    """Fields of a topic without those that nothing measures.
+
+    A covariance of -1 says so (sensor_msgs/Imu).
+    """
+    end = "_covariance[0]"
+    none = [
+        name.removesuffix(end)
+        for name, values in fields.items()
+        if name.endswith(end) and set(values) == {-1.0}
+    ]
+    for name in none:
+        held.closed[f"{topic}/{name}"] = "without a reading (its covariance is -1)"
+    gone = tuple(f"{name}{sign}" for name in none for sign in (".", "[", "_covariance"))
+    return {name: values for name, values in fields.items() if not name.startswith(gone)}
 
 
 def _fields(message: Any, prefix: str) -> Iterator[tuple[str, float | int | str]]:
@@ -219,8 +243,9 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, float | int | str]
 
 _WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
 _SINCE = re.compile(r"\s*([A-Za-z]+)\s+since\s+(\d{4}-\d{1,2}-\d{1,2}(?:[T ]\S+)?)\s*.*")
-_OLD_OBJECT = (
-    "save it as a struct: s = struct('Time', ts.Time, 'Data', ts.Data); save('log.mat', 's')"
+_OTHER_MESSAGES = (
+    "where messages are compressed, `ros2 bag convert` writes them plain; else let the bag hold "
+    "their definitions, as MCAP does"
 )
 
 
@@ -278,7 +303,7 @@ def _check_any(counts: Mapping[str, int], held: FileArrays, table: str, label: s
     advice = f"the file has {names}" if names else "store each column as a vector of numbers"
     if held.closed and not names:
         path, kind = next(iter(held.closed.items()))
-        what, advice = f"{path} is {kind} and was not read", _OLD_OBJECT
+        what, advice = f"{path} is {kind} and was not read", held.advice
     raise CampaignError(what, where=label, advice=advice)
 
 

@@ -176,6 +176,11 @@ def _refuse_packed(head: bytes, path: Path) -> None:
         b"\xd0\xcf\x11\xe0": ("an Excel workbook", sheets),
         b"SQLite format 3": ("an SQLite database", unpack),
         b"\xa3\x95\x80\x80": ("a log of ArduPilot", _OF_ARDUPILOT),
+        b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it: zstd -d FILE"),
+        b"DAF/": (
+            "a kernel of SPICE",
+            "docs/how_to/spice_ck.py makes an AEM of a CK, which is read",
+        ),
     }
     for mark, (what, advice) in marks.items():
         if head.startswith(mark) and suffix != ".npz":

@@ -362,8 +362,12 @@ def _stamps(path: Path, rows: int) -> dict[str, Column]:
 
 def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, ...]:
     """Say where the six decimals that 42 writes leave few digits."""
-    numbers = (c.values for c in columns.values() if not c.is_text)
+    numbers = [c.values for c in columns.values() if not c.is_text]
     size = max((float(np.abs(x).max()) for x in numbers), default=0.0)
+    # Who changed 42's format has more decimals.
+    millionths = (1e6 * np.abs(x) for x in numbers)
+    if any(np.any(np.abs(x - np.rint(x)) > 1e-3) for x in millionths):
+        return ()
     if stem not in ("Hwhl", "MTB", "Thr") or size >= 10.0 ** (LIMITS.least_digits - 6):
         return ()
     return (

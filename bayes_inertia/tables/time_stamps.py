@@ -55,7 +55,13 @@ def split_unit(name: str) -> tuple[str, str]:
 
     >>> split_unit("wx_deg_s"), split_unit("rate x [deg/s]"), split_unit("gyro")
     (('wx', 'deg/s'), ('rate x', 'deg/s'), ('gyro', ''))
+    >>> split_unit("speed_rpm[0]")
+    ('speed[0]', 'rpm')
     """
+    indexed = re.fullmatch(r"(.+?)(\[\d+\])", name)
+    if indexed:
+        stem, unit = split_unit(indexed[1])
+        return stem + indexed[2], unit
     bracket = re.fullmatch(r"(.+?)\s*[\[(](.+)[\])]", name)
     if bracket and not bracket[2].isdigit():
         return bracket[1], _UNITS.get(re.sub(r"[^a-z]", "", bracket[2].lower()), bracket[2])

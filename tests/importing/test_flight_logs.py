@@ -21,24 +21,24 @@ RATE = np.stack([0.01 * np.sin(TIME), 0.02 * np.cos(TIME), 0.03 * np.sin(2.0 * T
 ZERO_NS = 1_772_366_400_000_000_000
 
 
-def ulog(path: Path) -> Path:
+def ulog(path: Path, topic: bytes = b"sensor_combined", field: bytes = b"gyro_rad") -> Path:
     """A ULog (docs.px4.io, "ULog file format") with one topic."""
 
     def message(kind: str, content: bytes) -> bytes:
         return struct.pack("<HB", len(content), ord(kind)) + content
 
-    fields = b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;"
+    fields = topic + b":uint64_t timestamp;float[3] " + field + b";"
     parts = [b"ULog\x01\x12\x35\x01", struct.pack("<Q", 0)]
     parts += [message("B", bytes(40)), message("F", fields)]
-    parts.append(message("A", struct.pack("<BH", 0, 0) + b"sensor_combined"))
+    parts.append(message("A", struct.pack("<BH", 0, 0) + topic))
     for t, rate in zip(TIME, RATE, strict=True):
         parts.append(message("D", struct.pack("<HQ3f", 0, int(1e6 * t) + 5_000_000, *rate)))
     path.write_bytes(b"".join(parts))
     return path
 
 
-def bag(path: Path, kind: str) -> Path:
-    """A bag with one topic of IMU messages."""
+def bag(path: Path, kind: str, topics=("/imu/data",), orientation: float = 0.0) -> Path:
+    """A bag with topics of IMU messages."""
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     imu = "sensor_msgs/msg/Imu"
     if kind == "ros1":
@@ -47,16 +47,17 @@ def bag(path: Path, kind: str) -> Path:
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
         writer = Writer2(path, version=9, storage_plugin=plugin)
     with writer:
-        connection = writer.add_connection("/imu/data", imu, typestore=store)
-        for row, (t, rate) in enumerate(zip(TIME, RATE, strict=True)):
-            stamp_ns = ZERO_NS + int(1e9 * t)
-            message = _imu(store, stamp_ns, rate, row)
-            serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
-            writer.write(connection, stamp_ns + 1000, serialize(message, imu))
+        for topic in topics:
+            connection = writer.add_connection(topic, imu, typestore=store)
+            for row, (t, rate) in enumerate(zip(TIME, RATE, strict=True)):
+                stamp_ns = ZERO_NS + int(1e9 * t)
+                message = _imu(store, stamp_ns, rate, row, orientation)
+                serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
+                writer.write(connection, stamp_ns + 1000, serialize(message, imu))
     return path if kind == "ros1" else next(p for p in path.iterdir() if p.suffix != ".yaml")
 
 
-def _imu(store, stamp_ns: int, rate: np.ndarray, row: int):
+def _imu(store, stamp_ns: int, rate: np.ndarray, row: int, orientation: float):
     types = store.types
     vector = types["geometry_msgs/msg/Vector3"]
     stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
@@ -68,7 +69,7 @@ def _imu(store, stamp_ns: int, rate: np.ndarray, row: int):
     return types["sensor_msgs/msg/Imu"](
         header=header(**named),
         orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-        orientation_covariance=none,
+        orientation_covariance=np.array([orientation, *none[1:]]),
         angular_velocity=vector(*rate.tolist()),
         angular_velocity_covariance=none,
         linear_acceleration=vector(0.0, 0.0, 0.0),
@@ -95,6 +96,30 @@ def test_topics_of_a_bag_are_tables(tmp_path, kind):
     np.testing.assert_array_equal(read, RATE)
     sec, nanosec = table.stack(["header.stamp.sec", "header.stamp.nanosec"]).T
     np.testing.assert_allclose(sec - ZERO_NS // 10**9 + 1e-9 * nanosec, TIME)
+
+
+def test_the_topic_of_a_ulog_says_what_its_fields_hold(tmp_path):
+    log = ulog(tmp_path / "f.ulg", b"vehicle_angular_velocity", b"xyz")
+    write_starting_mapping([log], tmp_path / "mapping.toml")
+    text = (tmp_path / "mapping.toml").read_text()
+    assert 'holds = "rate"' in text
+    assert 'unit = "rad/s"' in text
+
+
+def test_an_imu_without_orientation_has_none(tmp_path):
+    """A covariance of -1 says so (sensor_msgs/Imu)."""
+    log = bag(tmp_path / "log", "mcap", orientation=-1.0)
+    table = read_raw(log, table="imu_data")
+    assert not [name for name in table.columns if name.startswith("orientation")]
+    assert "/imu/data/orientation is without a reading" in table.notes[0]
+    write_starting_mapping([log], tmp_path / "mapping.toml")
+    assert 'holds = "attitude"' not in (tmp_path / "mapping.toml").read_text()
+
+
+def test_topics_whose_names_differ_in_a_slash_alone_are_two_tables(tmp_path):
+    log = bag(tmp_path / "log", "ros2", topics=("/imu/data", "/imu_data"))
+    assert tables_in(log) == ["imu.data", "imu_data"]
+    assert [read_raw(log, table=name).rows for name in tables_in(log)] == [len(TIME)] * 2
 
 
 @pytest.mark.parametrize("kind", ["ulog", "mcap"])

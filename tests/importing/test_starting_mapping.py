@@ -98,6 +98,17 @@ LOOKS = [
         [("rate", 3, ""), ("attitude", 4, "")],
     ),
     ("log_vehicle_rates_setpoint_0.csv", "timestamp roll pitch yaw", ["timestamp"], []),
+    ("a", "t torque_1 torque_2 torque_3 torque_4", ["t"], [("wheel_torque", 4, "")]),
+    ("a", "t torque[0] torque[1] torque[2] torque[3]", ["t"], [("wheel_torque", 4, "")]),
+    ("a", "t trq0_Nm trq1_Nm trq2_Nm trq3_Nm", ["t"], [("wheel_torque", 4, "N m")]),
+    ("a", "t cmd_mNm[0] cmd_mNm[1] cmd_mNm[2]", ["t"], [("wheel_torque", 3, "mN m")]),
+    (
+        "wheels_joint_states",
+        "t position[0] position[1] velocity[0] velocity[1] effort[0] effort[1]",
+        ["t"],
+        [("wheel_speed", 2, ""), ("wheel_torque", 2, "")],
+    ),
+    ("a", "t stq1 stq2 stq3 stq4", ["t"], [("attitude", 4, "")]),
     ("log_vehicle_torque_setpoint_0.csv", "timestamp xyz[0] xyz[1] xyz[2]", ["timestamp"], []),
 ]
 
@@ -110,6 +121,28 @@ def test_usual_columns_are_recognised(file, names, times, expected):
     assert time_names(table) == times
     seen = [(f.holds, len(f.names), f.unit) for f in families(table, file)]
     assert seen == expected
+
+
+def test_the_places_of_an_array_that_no_wheel_fills_are_left_out():
+    speeds = np.zeros((5, 36))
+    speeds[:, :4] = 1.0
+    columns = {f"wheelSpeeds[{k}]": Column(speeds[:, k]) for k in range(36)}
+    (family,) = families(Table("a", columns), "rw.npz")
+    assert family.names == tuple(f"wheelSpeeds[{k}]" for k in range(4))
+    # A wheel of four that is off keeps its place.
+    columns = {f"speed_{k}_rpm": Column(np.full(5, float(k != 4))) for k in (1, 2, 3, 4)}
+    (family,) = families(Table("a", columns), "rw.csv")
+    assert len(family.names) == 4
+
+
+def test_recorders_of_basilisk_are_recognised(tmp_path):
+    times = (1e9 * np.arange(5)).astype(np.uint64)
+    file = tmp_path / "imu.npz"
+    np.savez(file, times=times, AngVelPlatform=0.01 * np.ones((5, 3)))
+    write_starting_mapping([file], tmp_path / "mapping.toml")
+    text = (tmp_path / "mapping.toml").read_text()
+    for line in ('holds = "rate"', 'unit = "rad/s"', 'kind = "ns"'):
+        assert line in text
 
 
 def test_the_scalar_is_suggested_only_where_the_names_say_it():

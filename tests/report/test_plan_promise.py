@@ -133,7 +133,7 @@ def test_a_plan_of_other_slews_is_refused(finished, capsys, other):
 
 def test_the_word_paper_is_a_plan_as_in_other_commands(finished, capsys):
     assert run("report", finished / "run", "--plan", "paper") == 2
-    assert "other slews than the plan \"five slews like the paper's\"" in capsys.readouterr().err
+    assert 'other slews than the plan "five slews like the paper\'s"' in capsys.readouterr().err
 
 
 def test_what_cannot_be_held_against_a_plan_is_refused(finished, capsys):
