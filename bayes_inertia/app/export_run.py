@@ -38,7 +38,7 @@ from bayes_inertia.report.export.formats import (
     ExportedResult,
 )
 from bayes_inertia.report.words import sentences
-from bayes_inertia.sealing import blaming, is_sealed
+from bayes_inertia.sealing import blaming, is_sealed, sha256_of
 
 _CORRECTION_SAYS = (
     f"after a slew of {DESIGN_NUMERICS.corrected_turn_deg:g} deg about the worst body axis, "
@@ -159,6 +159,7 @@ def _exported(
     changes = changes_of_J(summary["parameters"])
     J = np.array(inertia_tensor.tensor(jnp.array([p.new for p in parameters[:6]])))
     J -= spin if locked else 0.0
+    mission = dict(campaign.mission if campaign else posterior.attributes.get("mission", {}))
     return ExportedResult(
         campaign=str(summary["campaign"] or (campaign.name if campaign else "")),
         source=_source(summary),
@@ -173,6 +174,7 @@ def _exported(
         correction=correction,
         notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
         begin_utc=summary.get("begin_utc") if campaign is None else campaign.begin_utc,
+        **{key: mission.get(key, "") for key in ("spacecraft", "operator")},
     )
 
 
@@ -244,7 +246,10 @@ def _known(summary: dict[str, Any]) -> dict[str, Any]:
 
 def _source(summary: dict[str, Any]) -> str:
     version = summary["versions"].get("bayes-inertia", "?")
-    data = (summary.get("campaign_sha256") or "unknown")[:16]
+    digest, what = summary.get("campaign_sha256"), "data"
+    if digest is None and "own" in summary.get("slew_digests", {}):
+        # A campaign in memory has no files, but slews.
+        digest, what = sha256_of(*summary["slew_digests"]["own"]), "slews"
     effects = ", ".join(summary["effects"]) or "none"
-    seed = summary["seed"]
-    return f"bayes-inertia {version}, seed {seed}, effects: {effects}, data sha256 {data}"
+    seed, told = summary["seed"], (digest or "unknown")[:16]
+    return f"bayes-inertia {version}, seed {seed}, effects: {effects}, {what} sha256 {told}"

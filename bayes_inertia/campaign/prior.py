@@ -6,7 +6,7 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from bayes_inertia import errors
 from bayes_inertia.campaign.hardware import numbers, one_an_axis, require_key, require_sd
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError, members
-from bayes_inertia.files import path_of
+from bayes_inertia.files import path_of, read_bytes, text_of
 from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import array_dataclass, json_ready
@@ -28,6 +28,14 @@ from bayes_inertia.sealing import read_sealed_json
 SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
 # What lies in a copy of a campaign whose description names a run.
 COPY_FILE = "prior.json"
+# Format of a result that `export` wrote.
+EXPORT_FORMAT = "bayes-inertia-export/1"
+# Lines of an attitude comprehensive message (CCSDS 504.0-B-2) on J, K and their covariance, and
+# comments of `export` on why its numbers are less than they seem.
+_OF_MESSAGE = re.compile(
+    r"^\s*(?:USER_DEFINED_)?(I[XYZ]{2}|K\d+|COV_\w+)\s*=\s*([-+.\dEe]+)", re.MULTILINE
+)
+_CAUTION = re.compile(r"^\s*COMMENT\s+(?:NOTE|WARNING): (.*)$", re.MULTILINE)
 _NAME = re.compile(rf"{'|'.join(ELEMENTS)}|K[1-9]\d*")
 _MOMENTS = ("Jxx", "Jyy", "Jzz")
 
@@ -364,8 +372,9 @@ def prior_in(source: str | Path) -> GaussianPrior:
     Parameters
     ----------
     source : str or Path
-        The folder of a finished run, or a JSON file with `names`, `mean` and `covariance`, or with
-        the arguments of `GaussianPrior.of_principal_moments`.
+        The folder of a finished run; what `export` made of one in the format "acm" or "json"; or a
+        JSON file with `names`, `mean` and `covariance`, or with the arguments of
+        `GaussianPrior.of_principal_moments`.
 
     Returns
     -------
@@ -381,13 +390,56 @@ def prior_in(source: str | Path) -> GaussianPrior:
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
+    if not of_run and "CCSDS_ACM_VERS" in (text := text_of(read_bytes(file), str(file))):
+        return prior_from_json(_of_message(text, str(file)), str(file))
     content = read_sealed_json(file, f"give {finished}, or a JSON file")
+    if content.get("format") == EXPORT_FORMAT:
+        content = _of_export(content, str(file))
     if of_run or SUMMARY_KEY in content:
         what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
         errors.require(SUMMARY_KEY in content, str(file), what, advice)
         known = of_trusted(content[SUMMARY_KEY], str(file))
         content = {"includes_wheel_spin": content.get("includes_wheel_spin"), **known}
     return prior_from_json(content, str(file))
+
+
+def _of_export(content: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """The prior that a result is which `export` wrote as JSON; of effects it says nothing."""
+    _require_usable([*content["notes"], *content["reasons"]], where)
+    rows = content["parameters"]
+    of_body = [k for k, name in enumerate(rows) if _NAME.fullmatch(name)]
+    names = [list(rows)[k] for k in of_body]
+    covariance = np.array(content["covariance"])[np.ix_(of_body, of_body)]
+    mean = [rows[name]["new"] for name in names]
+    spin = content["includes_wheel_spin"]
+    return {"names": names, "mean": mean, "covariance": covariance, "includes_wheel_spin": spin}
+
+
+def _of_message(text: str, where: str) -> dict[str, Any]:
+    """The prior that an attitude comprehensive message states, as `export` writes one: J_locked."""
+    _require_usable(_CAUTION.findall(text), where)
+    told = {key: float(value) for key, value in _OF_MESSAGE.findall(text)}
+    keys = [key for key in told if not key.startswith("COV_")]
+    pairs = [
+        [f"COV_{a}_{b}" if i >= j else f"COV_{b}_{a}" for j, b in enumerate(keys)]
+        for i, a in enumerate(keys)
+    ]
+    missing = [pair for row in pairs for pair in row if pair not in told]
+    what = f"it states no USER_DEFINED_{missing[0]}" if missing else "it states no inertia"
+    advice = "give names, mean and covariance in a JSON file: the standard has no place for sds"
+    errors.require(bool(keys) and not missing, where, what, advice)
+    return {
+        "names": [f"J{key[1:].lower()}" if key.startswith("I") else key for key in keys],
+        "mean": [told[key] for key in keys],
+        "covariance": [[told[pair] for pair in row] for row in pairs],
+        "includes_wheel_spin": True,
+    }
+
+
+def _require_usable(cautions: Sequence[str], where: str) -> None:
+    """Refuse an exported result whose sds say less than they seem."""
+    what = f"the result is no prior: {'; '.join(cautions)}"
+    errors.require(not cautions, where, what, "give the folder of its run, or another result")
 
 
 def of_trusted[T](known: T | None, where: str) -> T:

@@ -19,10 +19,12 @@ from bayes_inertia.app import export_run, run_folder
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.export_run import exported_result, forecast_of
 from bayes_inertia.app.options import FormatName
+from bayes_inertia.campaign.prior import prior_in
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection
+from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
+from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection, csv_text
 from bayes_inertia.report.page import render
 
 EXAMPLE = Path(bi.__file__).parent / "example"
@@ -382,6 +384,64 @@ def test_what_cannot_be_exported_is_said(with_attributes, run_of, tmp_path):
     assert not (tmp_path / "out").exists()
     bi.export(run_of("thrown"), tmp_path / "out", "acm", even_untrusted=True)
     assert "WARNING: DO NOT USE" in (tmp_path / "out").read_text()
+
+
+@pytest.mark.parametrize("to", ["acm", "json"])
+def test_an_exported_result_is_a_prior(result, tmp_path, to):
+    file = tmp_path / "result"
+    file.write_text(EXPORT_FORMATS[to].text(result))
+    prior, n = prior_in(file), 9
+    assert prior.names == tuple(p.name for p in result.parameters[:n])
+    assert prior.includes_wheel_spin is (True if to == "acm" else result.includes_wheel_spin)
+    J = result.inertia_locked_B if prior.includes_wheel_spin else result.inertia_B
+    rounding = 0.01 * prior.sd
+    elements = J[ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS].tolist()
+    known = np.array(elements + [p.new for p in result.scale_factors])
+    assert np.all(np.abs(prior.mean - known) < rounding)
+    np.testing.assert_allclose(prior.covariance, result.covariance[:n, :n], rtol=1e-7)
+
+
+@pytest.mark.parametrize("to", ["acm", "json"])
+@pytest.mark.parametrize("caution", [{"notes": ("only ratios are found",)}, {"trusted": False}])
+def test_an_exported_result_with_a_caution_is_no_prior(result, tmp_path, to, caution):
+    file = tmp_path / "result"
+    reasons = () if "notes" in caution else ("a gate failed",)
+    file.write_text(EXPORT_FORMATS[to].text(replace(result, **caution, reasons=reasons)))
+    with pytest.raises(bi.CampaignError, match=r"the result is no prior: .*(only ratios|a gate)"):
+        prior_in(file)
+
+
+def test_a_message_of_others_without_sds_is_no_prior(result, tmp_path):
+    lines = EXPORT_FORMATS["acm"].text(result).splitlines()
+    file = tmp_path / "result.acm"
+    file.write_text("\n".join(line for line in lines if "COV_IYY_IXX" not in line))
+    with pytest.raises(bi.CampaignError, match="it states no USER_DEFINED_COV_IYY_IXX; give names"):
+        prior_in(file)
+
+
+def test_ratios_alone_have_no_change_in_sds(result):
+    """Against the sd of a ratio a change of the size that nobody saw would be thousands of sds."""
+    row = replace(result.parameters[0], determined="only its ratio")
+    alone = replace(
+        result, parameters=(row, *result.parameters[1:]), notes=("only ratios & so on",)
+    )
+    table = [line for line in csv_text(alone).splitlines() if not line.startswith("#")]
+    rows = {row["parameter"]: row for row in csv.DictReader(table)}
+    assert rows["Jxx"]["change_in_new_sd"] == ""
+    assert rows["Jyy"]["change_in_new_sd"] != ""
+    assert "the quoted one" not in csv_text(alone)
+    assert r"Note: only ratios \& so on." in EXPORT_FORMATS["latex"].text(alone)
+
+
+def test_a_message_names_spacecraft_and_operator(with_attributes, tmp_path):
+    stated = {"name": "M", "spacecraft": "MOST-1", "operator": "UTIAS"}
+    campaign = replace(read_campaign(EXAMPLE), mission=stated)
+    fitted = with_attributes(slew_digests=campaign.slew_digests)
+    text = bi.export(fitted, tmp_path / "a", "acm", campaign=campaign).read_text()
+    assert "\nOBJECT_NAME = MOST-1\n" in text
+    assert "\nORIGINATOR = UTIAS\n" in text
+    # Without files of its own, the slews are what was fitted.
+    assert re.search(r"slews sha256 [0-9a-f]{16}", text)
 
 
 def test_a_message_has_the_date_of_the_first_slew(with_attributes, tmp_path):

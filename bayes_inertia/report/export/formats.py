@@ -17,6 +17,7 @@ from unicodedata import combining, normalize
 
 import numpy as np
 
+from bayes_inertia.campaign.prior import EXPORT_FORMAT
 from bayes_inertia.maths.values import array_dataclass, json_ready, picked
 from bayes_inertia.report.formatting import arcsec, common_exponents, kind_of, number
 from bayes_inertia.report.layout import LAYOUT
@@ -64,7 +65,7 @@ def templated(template: str, result: ExportedResult) -> str:
     }
     return environment.get_template(template).render(
         result=result,
-        format=FORMAT,
+        format=EXPORT_FORMAT,
         comments=lambda mark, more: "\n".join(
             f"{mark} {line}" for line in comment_lines(result, *more)
         ),
@@ -87,7 +88,8 @@ def csv_text(result: ExportedResult) -> str:
     """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
     kind = "with" if result.includes_wheel_spin else "without"
     spin = f" {kind} the wheels' spin inertia" if result.wheels else ""
-    more = [f"old: known before this fit; sd: the quoted one; J{spin}: elements of the tensor"]
+    quoted = "" if result.notes else "; sd: the quoted one"
+    more = [f"old: known before this fit{quoted}; J{spin}: elements of the tensor"]
     if result.correction is not None:
         more.append(f"correction slew: {result.correction.says}")
     file = io.StringIO()
@@ -105,7 +107,7 @@ def _parameter_cells(p: ExportedParameter) -> list[str]:
         one_line(p.name),
         p.unit,
         *(rounded(x, p.sd) for x in (p.old, p.new, p.sd, p.change)),
-        *(f"{p.change / sd:+.2f}" if sd > 0.0 else "" for sd in (p.old_sd, p.sd)),
+        *(f"{p.change / sd:+.2f}" if sd > 0.0 else "" for sd in (p.old_sd, p.sd_of_change)),
         *(rounded(x, p.sd) for x in (p.low, p.high)),
         p.determined,
     ]
@@ -123,13 +125,15 @@ def _correction_rows(correction: ExportedCorrection) -> Iterator[list[str]]:
 def json_text(result: ExportedResult) -> str:
     """A document of the schema `bayes-inertia-export/1`, all digits."""
     content = {
-        "format": FORMAT,
+        "format": EXPORT_FORMAT,
         "trusted": result.trusted,
         "warning": None if result.trusted else comment_lines(result)[0],
         **picked(result, "reasons", "notes", "campaign", "source", "includes_wheel_spin"),
         "J_kgm2": result.inertia_B,
         "J_locked_kgm2": result.inertia_locked_B,
         "K": [p.new for p in result.scale_factors],
+        # In the order of the rows and columns of the covariance.
+        "names": [p.name for p in result.parameters],
         "parameters": {
             p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
         },
@@ -147,9 +151,6 @@ EXPORT_FORMATS: Mapping[str, ExportFormat] = {
         for name in ("acm", "apm", "matlab", "latex", "basilisk", "42")
     },
 }
-
-
-FORMAT = "bayes-inertia-export/1"
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,11 @@ class ExportedParameter:
     def change(self) -> float:
         """From old to new, in the parameter's unit."""
         return self.new - self.old
+
+    @property
+    def sd_of_change(self) -> float:
+        """What a change is held against; 0 where the size of J may have changed unseen."""
+        return 0.0 if self.determined == "only its ratio" else self.sd
 
 
 @dataclass(frozen=True)
@@ -205,6 +211,8 @@ class ExportedResult:
     correction: ExportedCorrection | None = None
     notes: tuple[str, ...] = ()  # what must be known before the numbers are used
     begin_utc: str | None = None  # when the first slew began, a date in UTC; None if not known
+    spacecraft: str = ""  # its name and who operates it, where the campaign states them
+    operator: str = ""
 
     @property
     def scale_factors(self) -> tuple[ExportedParameter, ...]:
