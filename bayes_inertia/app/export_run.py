@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,7 @@ def _exported(
     J = np.array(inertia_tensor.tensor(jnp.array([p.new for p in parameters[:6]])))
     J -= spin if locked else 0.0
     mission = dict(campaign.mission if campaign else posterior.attributes.get("mission", {}))
+    slews = posterior.attributes.get("slew_digests", {})
     return ExportedResult(
         campaign=str(summary["campaign"] or (campaign.name if campaign else "")),
         source=_source(summary),
@@ -174,6 +176,7 @@ def _exported(
         correction=correction,
         notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
         begin_utc=summary.get("begin_utc") if campaign is None else campaign.begin_utc,
+        learnt_from=tuple(chain.from_iterable(slews.get(key, ()) for key in ("own", "former"))),
         **{key: mission.get(key, "") for key in ("spacecraft", "operator")},
     )
 

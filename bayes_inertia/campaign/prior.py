@@ -35,6 +35,7 @@ EXPORT_FORMAT = "bayes-inertia-export/1"
 _OF_MESSAGE = re.compile(
     r"^\s*(?:USER_DEFINED_)?(I[XYZ]{2}|K\d+|COV_\w+)\s*=\s*([-+.\dEe]+)", re.MULTILINE
 )
+_SLEW_OF_MESSAGE = re.compile(r"^\s*USER_DEFINED_SLEW_\d+\s*=\s*(\S+)", re.MULTILINE)
 _CAUTION = re.compile(r"^\s*COMMENT\s+(?:NOTE|WARNING): (.*)$", re.MULTILINE)
 _NAME = re.compile(rf"{'|'.join(ELEMENTS)}|K[1-9]\d*")
 _MOMENTS = ("Jxx", "Jyy", "Jzz")
@@ -411,8 +412,9 @@ def _of_export(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     names = [list(rows)[k] for k in of_body]
     covariance = np.array(content["covariance"])[np.ix_(of_body, of_body)]
     mean = [rows[name]["new"] for name in names]
-    spin = content["includes_wheel_spin"]
-    return {"names": names, "mean": mean, "covariance": covariance, "includes_wheel_spin": spin}
+    known = {"names": names, "mean": mean, "covariance": covariance}
+    said = ("includes_wheel_spin", "learnt_from")
+    return known | {key: content[key] for key in said if key in content}
 
 
 def _of_message(text: str, where: str) -> dict[str, Any]:
@@ -433,6 +435,7 @@ def _of_message(text: str, where: str) -> dict[str, Any]:
         "mean": [told[key] for key in keys],
         "covariance": [[told[pair] for pair in row] for row in pairs],
         "includes_wheel_spin": True,
+        "learnt_from": _SLEW_OF_MESSAGE.findall(text),
     }
 
 

@@ -100,7 +100,8 @@ class WeighedChanges:
 
     def probability_of(self, holds: Iterable[bool]) -> float:
         """The probability of all hypotheses of which something holds."""
-        return float(self.probability[np.fromiter(holds, bool, len(self.hypotheses))].sum())
+        total = self.probability[np.fromiter(holds, bool, len(self.hypotheses))].sum()
+        return min(float(total), 1.0)  # Rounding may pass it.
 
 
 @array_dataclass
@@ -129,20 +130,23 @@ class SeenJump:
 
 
 def _card(history: History) -> Card:
-    """The most probable change, and J and K now."""
+    """Changes that are more probable than not, or the most probable one, and J and K now."""
     jumps = [
         (jump.probability, f"a jump of {jump.part} after number {jump.after + 1}")
-        for jump in history.jumps[:1]
+        for jump in history.jumps
     ]
-    wanders = [(p, f"a wander of {part}") for part, p in history.wanders.items()]
-    probability, change = max(jumps + wanders)
-    first = f"History of {len(history.campaigns)} campaigns: {change} has the probability "
-    first += f"{100.0 * probability:.1f} %"
+    jumped = {jump.part for jump in history.jumps if jump.probability > 0.5}
+    wanders = [(p, f"a wander of {x}") for x, p in history.wanders.items() if x not in jumped]
+    ordered = sorted(jumps + wanders, reverse=True)
+    told = [each for each in ordered if each[0] > 0.5] or ordered[:1]
+    changes = (f"{change} has the probability {100.0 * p:.1f} %" for p, change in told)
+    first = f"History of {len(history.campaigns)} campaigns: {', '.join(changes)}"
     if history.left_out:
         first += f"; left out, not to be used: {listed(history.left_out)}"
     mean, sd = history.mean, history.sd
     now = zip(history.names, base_units(len(history.names)), mean[-1], sd[-1], strict=True)
-    return parameter_card(first, "now ± sd", now, change=(mean[-1] - mean[0]).tolist())
+    change = (mean[-1] - mean[0]) / sd[-1]
+    return parameter_card(first, "now ± sd", now, **{"change [sd]": change.tolist()})
 
 
 @shown_as(_card)

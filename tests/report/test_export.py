@@ -402,6 +402,18 @@ def test_an_exported_result_is_a_prior(result, tmp_path, to):
 
 
 @pytest.mark.parametrize("to", ["acm", "json"])
+def test_an_exported_result_is_no_prior_of_the_slews_that_it_was_learnt_from(
+    with_attributes, tmp_path, to
+):
+    campaign = read_campaign(EXAMPLE)
+    fitted = with_attributes(slew_digests=campaign.slew_digests)
+    prior = prior_in(bi.export(fitted, tmp_path / "result", to, campaign=campaign))
+    assert list(prior.learnt_from) == campaign.slew_digests["own"]
+    with pytest.raises(bi.CampaignError, match="count twice"):
+        replace(campaign, prior=prior)
+
+
+@pytest.mark.parametrize("to", ["acm", "json"])
 @pytest.mark.parametrize("caution", [{"notes": ("only ratios are found",)}, {"trusted": False}])
 def test_an_exported_result_with_a_caution_is_no_prior(result, tmp_path, to, caution):
     file = tmp_path / "result"

@@ -138,6 +138,7 @@ def json_text(result: ExportedResult) -> str:
             p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
         },
         "covariance": result.covariance,
+        "learnt_from": result.learnt_from,
         "correction_slew_rad": result.correction,
     }
     return json.dumps(json_ready(content), indent=1, allow_nan=False) + "\n"
@@ -211,6 +212,8 @@ class ExportedResult:
     correction: ExportedCorrection | None = None
     notes: tuple[str, ...] = ()  # what must be known before the numbers are used
     begin_utc: str | None = None  # when the first slew began, a date in UTC; None if not known
+    # `Slew.digest` of all slews that it was learnt from: as a prior it is refused where they are.
+    learnt_from: tuple[str, ...] = ()
     spacecraft: str = ""  # its name and who operates it, where the campaign states them
     operator: str = ""
 
