@@ -33,8 +33,10 @@ EXPORT_FORMAT = "bayes-inertia-export/1"
 # Lines of an attitude comprehensive message (CCSDS 504.0-B-2) on J, K and their covariance, and
 # comments of `export` on why its numbers are less than they seem.
 _OF_MESSAGE = re.compile(
-    r"^\s*(?:USER_DEFINED_)?(I[XYZ]{2}|K\d+|COV_\w+)\s*=\s*([-+.\dEe]+)", re.MULTILINE
+    r"^[ \t]*(?:USER_DEFINED_)?(I[XYZ]{2}|K\d+|COV_\w+)[ \t]*=[ \t]*(\S+)[ \t]*(?:\[(.*)\])?",
+    re.MULTILINE,
 )
+_FRAME_OF_MESSAGE = re.compile(r"^\s*INERTIA_REF_FRAME\s*=\s*(\S+)", re.MULTILINE)
 _SLEW_OF_MESSAGE = re.compile(r"^\s*USER_DEFINED_SLEW_\d+\s*=\s*(\S+)", re.MULTILINE)
 _CAUTION = re.compile(r"^\s*COMMENT\s+(?:NOTE|WARNING): (.*)$", re.MULTILINE)
 _NAME = re.compile(rf"{'|'.join(ELEMENTS)}|K[1-9]\d*")
@@ -391,8 +393,11 @@ def prior_in(source: str | Path) -> GaussianPrior:
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
-    if not of_run and "CCSDS_ACM_VERS" in (text := text_of(read_bytes(file), str(file))):
+    text = text_of(read_bytes(file), str(file))
+    if "CCSDS_ACM_VERS" in text:
         return prior_from_json(_of_message(text, str(file)), str(file))
+    what, advice = "holds no prior", f"give {finished}, or what `export` writes: --to acm or json"
+    errors.require(of_run or text.lstrip().startswith("{"), str(file), what, advice)
     content = read_sealed_json(file, f"give {finished}, or a JSON file")
     if content.get("format") == EXPORT_FORMAT:
         content = _of_export(content, str(file))
@@ -420,16 +425,23 @@ def _of_export(content: Mapping[str, Any], where: str) -> dict[str, Any]:
 def _of_message(text: str, where: str) -> dict[str, Any]:
     """The prior that an attitude comprehensive message states, as `export` writes one: J_locked."""
     _require_usable(_CAUTION.findall(text), where)
-    told = {key: float(value) for key, value in _OF_MESSAGE.findall(text)}
-    keys = [key for key in told if not key.startswith("COV_")]
+    for frame in _FRAME_OF_MESSAGE.findall(text):
+        advice = "give the inertia in body axes: SC_BODY_1"
+        body = frame.upper().startswith("SC_BODY")
+        errors.require(body, where, f"INERTIA_REF_FRAME = {frame}", advice)
+    told = {key: _number(key, value, unit, where) for key, value, unit in _OF_MESSAGE.findall(text)}
+    keys = [f"I{name[1:].upper()}" for name in ELEMENTS]
+    keys += [key for key in told if key.startswith("K")]
     pairs = [
-        [f"COV_{a}_{b}" if i >= j else f"COV_{b}_{a}" for j, b in enumerate(keys)]
-        for i, a in enumerate(keys)
+        [f"COV_{keys[max(i, j)]}_{keys[min(i, j)]}" for j in range(len(keys))]
+        for i in range(len(keys))
     ]
-    missing = [pair for row in pairs for pair in row if pair not in told]
-    what = f"it states no USER_DEFINED_{missing[0]}" if missing else "it states no inertia"
+    missing = {*keys, *(pair for row in pairs for pair in row)} - {*told}
+    # What only a covariance names has no value.
+    missing |= {part for key in told for part in key.split("_")[1:]} - {*keys}
+    what = f"it states no {min(missing, key=len, default='')}"
     advice = "give names, mean and covariance in a JSON file: the standard has no place for sds"
-    errors.require(bool(keys) and not missing, where, what, advice)
+    errors.require(not missing, where, what, advice)
     return {
         "names": [f"J{key[1:].lower()}" if key.startswith("I") else key for key in keys],
         "mean": [told[key] for key in keys],
@@ -437,6 +449,19 @@ def _of_message(text: str, where: str) -> dict[str, Any]:
         "includes_wheel_spin": True,
         "learnt_from": _SLEW_OF_MESSAGE.findall(text),
     }
+
+
+def _number(key: str, value: str, unit: str, where: str) -> float:
+    """A number of a message; the standard knows one unit of the tensor."""
+    known = unit in ("", "kg*m**2")
+    errors.require(known, f"{where}, {key}", f"the unit is {unit!r}", "give kg*m**2")
+    try:
+        number = float(value)
+    except ValueError:
+        number = np.nan
+    finite = bool(np.isfinite(number))
+    errors.require(finite, f"{where}, {key}", f"{value!r} is no number", "write a number")
+    return number
 
 
 def _require_usable(cautions: Sequence[str], where: str) -> None:

@@ -425,11 +425,17 @@ class Posterior:
         Returns
         -------
         pandas.DataFrame
-            One row a parameter, one column a number; `quoted_sd` is the one to use.
+            One row a parameter, one column a number; `quoted_sd` is the one to use, and not a
+            number where none can be quoted.
         """
         from pandas import DataFrame
 
-        return DataFrame.from_dict(self.summary()["parameters"], orient="index")
+        rows = self.summary()["parameters"].items()
+        table = {
+            name: {key: math.nan if x is None else x for key, x in row.items()}
+            for name, row in rows
+        }
+        return DataFrame.from_dict(table, orient="index")
 
     def _parameters(self) -> dict[str, Any]:
         """All parameters as they stand in summary.json."""

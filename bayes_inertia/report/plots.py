@@ -326,13 +326,19 @@ def plot_ranks(
     values, _ = _ensembles(posterior, name)
     assert ax is not None
     chains.rank_panel(ax, values, posterior.attributes["diagnostics"]["tau_max"])
+    ax.set_xlabel(f"rank of {_least_agreed(posterior, name)} among all draws [–]")
     return ax
 
 
 def _ensembles(posterior: Posterior, name: str | int | None) -> tuple[np.ndarray, style.Scale]:
     """Draws of a parameter, or of the one whose ensembles agree least; the scale of its axis."""
+    return chains.ensembles_of(posterior, _least_agreed(posterior, name))
+
+
+def _least_agreed(posterior: Posterior, name: str | int | None) -> str:
+    """The parameter that is asked for; None for the one whose ensembles agree least."""
     shown = chains.worst_parameter(posterior) if name is None else name
-    return chains.ensembles_of(posterior, posterior.names[_index(posterior.names, shown, "name")])
+    return posterior.names[_index(posterior.names, shown, "name")]
 
 
 @_on_axes

@@ -218,7 +218,9 @@ def values_by_name(
     kinds = {"": mean, "_sd": sd, "_alone": alone, "_alone_sd": alone_sd}
     names = enumerate(base_names(mean.shape[1]))
     columns = {f"{name}{key}": x[:, k] for k, name in names for key, x in kinds.items()}
-    return DataFrame(columns, index=list(rows))
+    table = DataFrame(columns, index=list(rows))
+    table.attrs["units"] = {x: "kg m^2" if x.startswith("J") else "" for x in columns}
+    return table
 
 
 def history(sources: Sequence[Posterior | str | Path] | str | Path, *, time: Any = None) -> History:

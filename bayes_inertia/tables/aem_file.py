@@ -157,6 +157,9 @@ def _as_aem(meta: Mapping[str, str], block: _Block, label: str) -> AemSegment:
     stated = {key: value for key, value in block.pairs.items() if key not in _OF_BLOCK}
     kind = block.pairs.get("ATT_TYPE", "").upper()
     rate = block.pairs.get("RATE_TYPE", "NONE").upper()
+    is_read = kind in ("QUATERNION", "EULER_ANGLES")
+    advice = "export QUATERNION or EULER_ANGLES"
+    require(is_read, block.where, f"ATT_TYPE = {kind} is not read", advice)
     kind = kind.replace("EULER_ANGLES", "EULER_ANGLE")
     stated["ATTITUDE_TYPE"] = kind + _RATES.get(rate, f"/{rate}")
     stated["TIME_SYSTEM"] = system

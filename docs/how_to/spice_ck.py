@@ -3,8 +3,9 @@
     python docs/how_to/spice_ck.py tracker.aem -82000 attitude.bc clock.tsc leapseconds.tls
 
 The number is that of the structure whose attitude the CK holds; after it all kernels that SPICE
-needs: CK, spacecraft clock, leap seconds, frames. Every attitude is written once, as it was put
-into the CK (data type 3): SPICE's interpolation would make readings that nobody took.
+needs: CK, spacecraft clock, leap seconds, frames; or a meta-kernel that names them. Every attitude
+is written once, as it was put into the CK (data types 1 and 3): SPICE's interpolation would make
+readings that nobody took.
 Needs spiceypy: pip install 'bayes-inertia[spice]'.
 """
 
@@ -34,8 +35,6 @@ META_STOP
 
 DATA_START
 """
-# The data type of attitudes as they were measured.
-READINGS = 3
 
 
 def attitudes(kernel: str, structure: int) -> Iterator[tuple[float, np.ndarray]]:
@@ -47,20 +46,36 @@ def attitudes(kernel: str, structure: int) -> Iterator[tuple[float, np.ndarray]]
         _, (of, frame, kind, *_) = spiceypy.dafus(summary, 2, 6)
         if of != structure:
             continue
-        if kind != READINGS:
+        if kind not in (1, 3):
             sys.exit(f"{kernel}: type {kind} is a fit, no readings: sample it with spiceypy.ckgp")
-        for number in range(1, spiceypy.cknr03(handle, summary) + 1):
-            clock, *quaternion = spiceypy.ckgr03(handle, summary, number)[:5]
+        for clock, quaternion in (discrete if kind == 1 else instances)(handle, summary):
             time = spiceypy.sct2e(spiceypy.ckmeta(structure, "SCLK"), clock)
             from_j2000 = spiceypy.pxform("J2000", spiceypy.frmnam(int(frame)), time)
             yield time, spiceypy.m2q(spiceypy.q2m(quaternion) @ from_j2000)
     spiceypy.dafcls(handle)
 
 
+def discrete(handle: int, summary: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+    """Ticks and quaternion of each attitude of a segment of type 1 (CK Required Reading)."""
+    has_rates, begin, end = map(int, spiceypy.dafus(summary, 2, 6)[1][3:])
+    number, width = int(spiceypy.dafgda(handle, end, end)[0]), 7 if has_rates else 4
+    clocks = begin + number * width
+    rows = spiceypy.dafgda(handle, begin, clocks - 1).reshape(number, width)
+    yield from zip(spiceypy.dafgda(handle, clocks, clocks + number - 1), rows[:, :4], strict=True)
+
+
+def instances(handle: int, summary: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+    """The same of a segment of type 3."""
+    for number in range(1, spiceypy.cknr03(handle, summary) + 1):
+        clock, *quaternion = spiceypy.ckgr03(handle, summary, number)[:5]
+        yield clock, np.array(quaternion)
+
+
 def message(structure: int, kernels: list[str]) -> str:
     """The message, its rows in the order of their times."""
     spiceypy.furnsh(kernels)
-    of_ck = [kernel for kernel in kernels if spiceypy.getfat(kernel) == ("DAF", "CK")]
+    # Those that a meta-kernel names too.
+    of_ck = [spiceypy.kdata(k, "CK")[0] for k in range(spiceypy.ktotal("CK"))]
     found = sorted(
         (row for kernel in of_ck for row in attitudes(kernel, structure)), key=lambda r: r[0]
     )
@@ -82,4 +97,8 @@ def message(structure: int, kernels: list[str]) -> str:
 if __name__ == "__main__":
     if len(sys.argv) < 4:
         sys.exit(__doc__)
-    Path(sys.argv[1]).write_text(message(int(sys.argv[2]), sys.argv[3:]), encoding="utf-8")
+    try:
+        text = message(int(sys.argv[2]), sys.argv[3:])
+    except spiceypy.utils.exceptions.SpiceyError as error:  # Such as a kernel that is missing.
+        sys.exit(f"SPICE says: {error.short} {error.long}")
+    Path(sys.argv[1]).write_text(text, encoding="utf-8")

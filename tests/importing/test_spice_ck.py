@@ -50,9 +50,9 @@ def matrices() -> np.ndarray:
     return np.array([spiceypy.axisar(axis, 0.3 + 0.02 * t).T for t in SECONDS])
 
 
-@pytest.fixture
-def kernels(tmp_path):
-    """Leap seconds, clock, and a CK of type 3 relative to the ecliptic of J2000."""
+@pytest.fixture(params=[1, 3])
+def kernels(request, tmp_path):
+    """Leap seconds, clock, and a CK of type 1 or 3 relative to the ecliptic of J2000."""
     leaps, clock, attitude = (tmp_path / name for name in ("a.tls", "a.tsc", "a.bc"))
     leaps.write_text(LEAP_SECONDS)
     clock.write_text(CLOCK)
@@ -61,11 +61,12 @@ def kernels(tmp_path):
     ticks = np.array([spiceypy.sce2c(SPACECRAFT, first + t) for t in SECONDS])
     quaternions = np.array([spiceypy.m2q(C) for C in matrices()])
     handle = spiceypy.ckopn(str(attitude), "test", 0)
-    spiceypy.ckw03(
-        handle,
-        *(ticks[0], ticks[-1], STRUCTURE, "ECLIPJ2000", False, "test", len(ticks)),
-        *(ticks, quaternions, np.zeros((len(ticks), 3)), 1, ticks[:1]),
-    )
+    named = (ticks[0], ticks[-1], STRUCTURE, "ECLIPJ2000", False, "test", len(ticks))
+    rows = (ticks, quaternions, np.zeros((len(ticks), 3)))
+    if request.param == 1:
+        spiceypy.ckw01(handle, *named, *rows)
+    else:
+        spiceypy.ckw03(handle, *named, *rows, 1, ticks[:1])
     spiceypy.ckcls(handle)
     spiceypy.kclear()
     return [str(path) for path in (attitude, clock, leaps)]
@@ -73,7 +74,8 @@ def kernels(tmp_path):
 
 def written(kernels: list[str], structure: int, out: Path) -> subprocess.CompletedProcess[str]:
     words = [sys.executable, str(SCRIPT), str(out), str(structure), *kernels]
-    return subprocess.run(words, capture_output=True, text=True, check=False)
+    # SPICE reads no path of more than 80 letters out of a meta-kernel: names are relative.
+    return subprocess.run(words, capture_output=True, text=True, check=False, cwd=out.parent)
 
 
 def test_attitudes_of_a_ck_are_read_as_spice_says_them(tmp_path, kernels):
@@ -89,6 +91,23 @@ def test_attitudes_of_a_ck_are_read_as_spice_says_them(tmp_path, kernels):
     time = times_to_seconds(table, table.time_names, table.time_kind).ns * 1e-9
     np.testing.assert_allclose(time - time[0], SECONDS, atol=2e-6)
     assert table.columns["EPOCH"].values[0].startswith(START)
+
+
+def test_a_meta_kernel_names_the_others(tmp_path, kernels):
+    meta = tmp_path / "all.tm"
+    listed = ", ".join(f"'{Path(path).name}'" for path in kernels)
+    meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {listed} )\n")
+    out, of_each = tmp_path / "meta.aem", tmp_path / "each.aem"
+    assert written([str(meta)], STRUCTURE, out).returncode == 0
+    assert written(kernels, STRUCTURE, of_each).returncode == 0
+    assert out.read_text() == of_each.read_text()
+
+
+def test_a_kernel_that_is_missing_is_said_in_words(tmp_path, kernels):
+    done = written([*kernels[:1], str(tmp_path / "none.tsc")], STRUCTURE, tmp_path / "a.aem")
+    assert done.returncode == 1
+    assert done.stderr.startswith("SPICE says: ")
+    assert "none.tsc" in done.stderr
 
 
 def test_a_structure_that_the_ck_does_not_hold_is_said(tmp_path, kernels):

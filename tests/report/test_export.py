@@ -423,11 +423,23 @@ def test_an_exported_result_with_a_caution_is_no_prior(result, tmp_path, to, cau
         prior_in(file)
 
 
-def test_a_message_of_others_without_sds_is_no_prior(result, tmp_path):
-    lines = EXPORT_FORMATS["acm"].text(result).splitlines()
+@pytest.mark.parametrize(
+    ("line", "instead", "says"),
+    [
+        ("^USER_DEFINED_COV_IYY_IXX = .*", "", "it states no COV_IYY_IXX; give names, mean"),
+        ("^USER_DEFINED_K1 = .*", "", "it states no K1; give"),
+        ("^IXX = .*", "", "it states no IXX; give"),
+        ("^IXX = .*", "IXX = 2852741.7 [g*m**2]", r"IXX: the unit is 'g\*m\*\*2'; give kg"),
+        ("^IXX = .*", "IXX = nan [kg*m**2]", "IXX: 'nan' is no number"),
+        ("SC_BODY_1", "EME2000", "INERTIA_REF_FRAME = EME2000; give the inertia in body axes"),
+        ("(?s).*", "INERTIA_START", "holds no prior; give the folder"),
+    ],
+)
+def test_what_a_message_does_not_say_is_no_prior(result, tmp_path, line, instead, says):
     file = tmp_path / "result.acm"
-    file.write_text("\n".join(line for line in lines if "COV_IYY_IXX" not in line))
-    with pytest.raises(bi.CampaignError, match="it states no USER_DEFINED_COV_IYY_IXX; give names"):
+    message = EXPORT_FORMATS["acm"].text(result)
+    file.write_text(re.sub(line, instead, message, count=1, flags=re.MULTILINE))
+    with pytest.raises(bi.CampaignError, match=says):
         prior_in(file)
 
 

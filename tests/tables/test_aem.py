@@ -355,7 +355,10 @@ def test_angles_and_rates_of_a_comprehensive_message(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (acm("0.0 1 0 0 0 1 0 0 0 1", "DCM", states=9), "ATTITUDE_TYPE = DCM is not read"),
+        (
+            acm("0.0 1 0 0 0 1 0 0 0 1", "DCM", states=9),
+            "ATT_TYPE = DCM is not read; export QUATERNION or EULER_ANGLES",
+        ),
         (acm("0.0 0 0 0 1 0 0 0", more="RATE_TYPE = GYRO_BIAS\n"), "GYRO_BIAS is not read"),
         (acm("0.0 0 0 0 1", more="TURNED = TRUE\n"), "TURNED is not one of an AEM"),
         (acm("0.0 0 0 0 1", zero=""), "lack EPOCH_TZERO"),
