@@ -150,7 +150,7 @@ class Posterior:
         Parameters
         ----------
         path : str or Path
-            Of the posterior.nc of a finished run.
+            Of a finished run, or of its posterior.nc.
 
         Returns
         -------
@@ -164,7 +164,8 @@ class Posterior:
         import xarray as xr
 
         path = path_of(path, "path")
-        advice = "give the posterior.nc of a finished run"
+        path = path / "posterior.nc" if path.is_dir() else path
+        advice = "give the folder of a finished run, or its posterior.nc"
         require(path.is_file(), str(path), "no such file", advice)
         intact = is_sealed(path, _ADVICE)
         if not intact:

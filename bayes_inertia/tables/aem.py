@@ -79,6 +79,8 @@ def joined_segments(tables: Sequence[Table]) -> Table:
         what = f"segments 1 and {number} have different frames, time systems or types"
         advice = 'name one segment as the table, such as "segment 1"'
         require(kinds[0] == kinds[1], first.label, what, advice)
+    # Of one system of time and one notation, texts of dates stand in the order of their dates.
+    tables = sorted(tables, key=lambda table: str(table.column(table.time_names[0]).values[:1]))
     columns = {}
     for name, column in first.columns.items():
         values = joined_values([table.columns[name].values for table in tables])

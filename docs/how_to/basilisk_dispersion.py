@@ -58,7 +58,10 @@ class PosteriorDispersion:
 
 def main(run: str, scenario: str, runs: str) -> None:
     """Fly the scenario."""
-    from Basilisk.utilities.MonteCarlo.Controller import Controller
+    try:
+        from Basilisk.utilities.MonteCarlo.Controller import Controller
+    except ImportError as error:
+        sys.exit(f"Basilisk is not installed here ({error}): run this where your scenario runs")
 
     flown = runpy.run_path(scenario)
     controller = Controller()

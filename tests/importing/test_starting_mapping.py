@@ -79,7 +79,7 @@ LOOKS = [
         "log_vehicle_angular_velocity_0.csv",
         "timestamp timestamp_sample xyz[0] xyz[1] xyz[2] xyz_derivative[0] xyz_derivative[1] "
         "xyz_derivative[2]",
-        ["timestamp"],
+        ["timestamp_sample"],
         [("rate", 3, "")],
     ),
     (
