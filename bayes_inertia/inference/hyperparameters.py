@@ -35,6 +35,7 @@ from bayes_inertia.inference.marginal_posterior import (
     Roots,
     SlewEquations,
     eliminated,
+    eliminated_at_once,
     log_integral,
     prior_roots,
     root_change,
@@ -367,8 +368,7 @@ class Evidence:
     def given(self, standardised: np.ndarray) -> GivenSizes:
         """The other parameters given those of stochastic effects (n, h) [prior sd]; of numpy."""
         program = partial(given_sizes, self.model.structure, self.frozen)
-        cached = LIMITS.cached_numbers / self.frozen.equations.matrix.size
-        at_once = 2 ** int(np.log2(np.clip(cached, 1.0, LIMITS.sizes_at_once)))
+        at_once = eliminated_at_once(self.frozen.equations.matrix.size)
         return in_batches(program, standardised, at_once)
 
 

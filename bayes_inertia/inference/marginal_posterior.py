@@ -41,6 +41,7 @@ from bayes_inertia.inference.likelihood import (
     slew_pieces,
     whitened,
 )
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, in_batches, on_device, padded_size, repeated
@@ -421,16 +422,27 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
 def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
     """Each slew's pull by the program of one slew, and their integral by that of a few sizes."""
     pieces, nuisances = _pieces(marginal), _padded_nuisances(marginal)
-    slews = len(nuisances.ridge.local)
+    slews, part = len(nuisances.ridge.local), nuisances.coefficients
 
     def densities(thetas: np.ndarray) -> np.ndarray:
         safe = _safe(thetas, nuisances.ridge.optimum.theta)
         pulls = [_pulls(structure, piece, safe) for piece in pieces]
         chi2 = sum(np.asarray(of_slew) for of_slew, _ in pulls)
         gradient = np.concatenate([np.asarray(slopes) for _, slopes in pulls], axis=1)
-        return np.asarray(_densities(structure, nuisances, thetas, chi2, filled(gradient, slews)))
+        rows = thetas, chi2, filled(gradient, slews)
+        at_once = len(thetas) if part is None else eliminated_at_once(part.information.size)
+        return in_batches(lambda rows: _densities(structure, nuisances, *rows), rows, at_once)
 
     return densities
+
+
+def eliminated_at_once(numbers: int) -> int:
+    """How many equations of all slews, of so many numbers each, the processor's cache holds.
+
+    >>> eliminated_at_once(10), eliminated_at_once(10**9)
+    (16, 1)
+    """
+    return 2 ** int(np.log2(np.clip(LIMITS.cached_numbers / numbers, 1.0, LIMITS.sizes_at_once)))
 
 
 def _pieces(marginal: Marginal) -> list[_Pull]:

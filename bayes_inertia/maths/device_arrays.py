@@ -56,11 +56,15 @@ def repeated(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:
     return np.concatenate([rows, last], axis)
 
 
-def in_batches(program: Callable[[Any], Any], rows: AnyArray, size: int) -> Any:
-    """Results of a compiled program for any number of rows, so many at once; of numpy."""
-    n = len(rows)
-    padded = repeated(rows, n + -n % size, 0)
-    parts = [program(padded[i : i + size]) for i in range(0, len(padded), size)]
+def in_batches(program: Callable[..., Any], rows: Any, size: int) -> Any:
+    """Results of a compiled program for any number of rows, so many at once; of numpy.
+
+    `rows`: an array, or a tree of arrays with the rows as leading axis.
+    """
+    n = len(jax.tree.leaves(rows)[0])
+    every = jax.tree.map(lambda x: repeated(np.asarray(x), n + -n % size, 0), rows)
+    starts = range(0, n, size)
+    parts = [program(jax.tree.map(lambda x, i=i: x[i : i + size], every)) for i in starts]
     return jax.tree.map(lambda *of_parts: np.concatenate(of_parts)[:n], *parts)
 
 
