@@ -39,7 +39,7 @@ from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_told, told_by
 from bayes_inertia.series.history import OF_PART, History, history_told
 from bayes_inertia.series.sources import FIT_MANY_FILE, FITS_FILE, Told, told_by
 from bayes_inertia.studies.engine import Execution, Notice
-from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
+from bayes_inertia.studies.work import Row, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
 
 FORMAT = "bayes-inertia-fit-many/1"
@@ -182,15 +182,8 @@ def fit_many(
 def fits_json(result: WorkResult) -> dict[str, Any]:
     """Content of `fit-many --json`."""
     rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
-    failures = [
-        {"campaign": campaign_of(f), "error": f.error, "reason": f.reason} for f in result.failures
-    ]
+    failures = [{"campaign": f.name, "error": f.error, "reason": f.reason} for f in result.failures]
     return json_ready({"format": FORMAT, "campaigns": rows, "failures": failures})
-
-
-def campaign_of(failure: TaskFailure) -> str:
-    """The campaign that could not be fitted."""
-    return failure.task.rpartition(_AT)[0]
 
 
 def _ids(folder: Path, out: Path) -> tuple[str, ...]:

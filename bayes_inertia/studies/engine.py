@@ -203,7 +203,7 @@ def run_work(
         for outcome in _outcomes(work, left, workers):
             rows.add(outcome)
             if isinstance(outcome, TaskFailure):
-                say(f"{work.name}: {outcome.task} failed: {outcome.reason}")
+                say(f"{work.name}: {outcome.name} failed: {outcome.reason}")
             done += 1
             if progress is not None:
                 progress(work.name, done, len(work.ids))

@@ -34,7 +34,7 @@ class Work:
     task : Task
         Makes the row of one task.
     ids : tuple of str
-        The tasks.
+        The tasks; behind an @ what a task depends on, such as the digest of its data.
     seed : int
         Of the study.
     options : mapping
@@ -103,6 +103,11 @@ class TaskFailure:
     error: str
     reason: str
     final: bool
+
+    @property
+    def name(self) -> str:
+        """The task's id without what it depends on."""
+        return self.task.rpartition("@")[0] or self.task
 
 
 @dataclass(frozen=True)

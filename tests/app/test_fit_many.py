@@ -121,6 +121,8 @@ def test_bad_campaigns_are_reported_and_the_others_fitted(fleet, fitted, tmp_pat
     printed = capsys.readouterr()
     assert "1 of 3 campaigns give a result" in printed.out
     assert "alpha could not be fitted: " in printed.out
+    assert "alpha failed: " in printed.err
+    assert "@" not in printed.err
     content = json.loads((out / "fit_many.json").read_text())
     assert [failure["campaign"] for failure in content["failures"]] == ["alpha", "older/2024"]
     assert "campaign.toml" in content["failures"][0]["reason"]

@@ -69,7 +69,6 @@ def fit_many_command(
 
 def show_fits(result: WorkResult, folder: Path) -> None:
     """Print a row a campaign."""
-    from bayes_inertia.app.many_folder import campaign_of
     from bayes_inertia.report.formatting import kind_of
 
     console, told = plain_console(), ("moment of inertia", "K")
@@ -91,7 +90,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
         if not row["trusted"]:
             console.print(f"{row['campaign']}: {row['reasons']}")
     for failure in result.failures:
-        console.print(f"{campaign_of(failure)} could not be fitted: {failure.reason}")
+        console.print(f"{failure.name} could not be fitted: {failure.reason}")
     trusted = sum(row["trusted"] for row in result.rows)
     console.print(
         f"{trusted} of {len(result.rows) + len(result.failures)} campaigns give a result that can "
