@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import series_of, streams_of
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults import gaps, impossible, quantisation, saturated, stuck
 from bayes_inertia.faults.fault import Dirt
 
@@ -34,8 +37,22 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
                     slew = stream.masked(slew, fault.mask) if fault.masks else slew
         slews.append(slew)
     treated, resting = _with_resting_wheels_locked(replace(campaign, slews=tuple(slews)))
-    dirt += resting
+    dirt += resting + _overlaps(campaign.slews)
     return replace(treated, dirt=(*dirt, *_quantised(treated)))
+
+
+def _overlaps(slews: Sequence[Slew]) -> list[Dirt]:
+    """A record where slews overlap in time, which one spacecraft cannot fly."""
+    ordered = sorted(slews, key=lambda slew: slew.start)
+    for first, second in pairwise(ordered):
+        end = first.start + float(np.ptp(first.time))
+        if second.start < end:
+            note = f"{second.name} begins {end - second.start:.4g} s before {first.name} ends: "
+            note += (
+                "what drifts through the campaign is seen at wrong times; mend start"
+            )
+            return [Dirt("clock", "time", second.name, (), "ignored", note)]
+    return []
 
 
 def _with_resting_wheels_locked(campaign: Campaign) -> tuple[Campaign, list[Dirt]]:

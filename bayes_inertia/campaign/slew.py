@@ -26,6 +26,8 @@ from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import Vector, array_dataclass, moments, plain_array
 from bayes_inertia.sealing import sha256_of
 
+# What stands in the name of a part behind that of its slew.
+PART = " (part "
 _EPOCH = np.datetime64(0, "s")
 # Columns of each channel; None: one a wheel, or one a sensor axis.
 _COLUMNS_OF_CHANNEL = {

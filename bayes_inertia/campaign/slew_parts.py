@@ -17,7 +17,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import PART, Slew
 from bayes_inertia.errors import require
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import gap_note, missing_rows
@@ -31,7 +31,7 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     slews = []
     for i, piece in enumerate(pieces):
         later = float(piece["time"][0] - slew.time[0])
-        name = f"{slew.name} (part {i + 1} of {len(pieces)})"
+        name = f"{slew.name}{PART}{i + 1} of {len(pieces)})"
         start = slew.start + later if later else slew.start
         given: dict[str, Any] = {k: v for k, v in piece.items() if not k.startswith(MORE)}
         more = {k.removeprefix(MORE): v for k, v in piece.items() if k.startswith(MORE)}

@@ -17,6 +17,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
+from bayes_inertia.campaign.slew import PART
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report import criteria, formatting
 from bayes_inertia.report.formatting import either_or, kind_of, listed, plain
@@ -126,7 +127,8 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "channel": _CHANNELS.get(channel, channel),
             "treated": _TREATED[treated],
             "rows": sum(len(record["rows"]) for record in records),
-            "slews": list(dict.fromkeys(r["slew"] for r in records if r["slew"])),
+            # Parts of a slew that was cut are one slew.
+            "slews": list(dict.fromkeys(r["slew"].split(PART)[0] for r in records if r["slew"])),
             "notes": [record["note"] for record in records if record.get("note")],
         }
         for (kind, channel, treated), records in groups.items()

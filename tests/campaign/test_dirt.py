@@ -104,6 +104,17 @@ def test_a_clock_that_jumps_back_by_whole_steps_is_refused(tmp_path):
     assert_teaches(error, ["slew_01.csv, line", "goes back", "set back by"])
 
 
+def test_slews_that_overlap_in_time_are_told(tmp_path, clean):
+    folder = dirty(tmp_path / "c", lambda header, rows: None)
+    toml = folder / "campaign.toml"
+    later = [line for line in toml.read_text().splitlines() if line.startswith("start")][1]
+    toml.write_text(toml.read_text().replace(later, "start = 10.0"))
+    (record,) = read_campaign(folder).dirt
+    assert (record.kind, record.channel, record.treated) == ("clock", "time", "ignored")
+    assert f"{clean.slews[1].name} begins" in record.note
+    assert "mend start" in record.note
+
+
 def test_a_lost_row_leaves_its_commands_unknown(tmp_path):
     campaign = read_campaign(dirty(tmp_path / "c", without_rows(SLEWING)))
     assert ("gap", "torque", "masked") in kinds(campaign)
