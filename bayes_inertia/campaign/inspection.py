@@ -48,9 +48,7 @@ def _overlaps(slews: Sequence[Slew]) -> list[Dirt]:
         end = first.start + float(np.ptp(first.time))
         if second.start < end:
             note = f"{second.name} begins {end - second.start:.4g} s before {first.name} ends: "
-            note += (
-                "what drifts through the campaign is seen at wrong times; mend start"
-            )
+            note += "what drifts through the campaign is seen at wrong times; mend start"
             return [Dirt("clock", "time", second.name, (), "ignored", note)]
     return []
 

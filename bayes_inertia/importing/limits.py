@@ -16,6 +16,10 @@ class Limits:
     attitude_jump: float = 0.1
     # So many of the attitudes that stand most often are looked at.
     most_common_attitudes: int = 4
+    # Counts of so many bits may have lost their sign. With fewer bits, or fewer different readings
+    # beyond, they may be other numbers, or a mark.
+    bits_of_counts: tuple[int, ...] = (16, 24, 32)
+    fewest_negative_counts: int = 3
     # Rows looked at for what rounding does to an attitude.
     attitudes_of_rounding: int = 50
     # Quaternions of one length, but for this share of it, are counts; this share of the rows must

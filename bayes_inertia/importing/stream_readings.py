@@ -315,6 +315,26 @@ def readings_of(part: MappedStream, table: Table, where: str) -> _Readings:
     return values, rounding, [*notes, *said]
 
 
+def with_signs(counts: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Counts (n, columns) that lost their sign, with it, and what to say; others as they are.
+
+    A reading that passes zero then leaps to the end of the counter, and none is far from both ends.
+
+    >>> with_signs(np.array([[65533.0], [65535.0], [1.0], [65534.0]]))[0].ravel().tolist()
+    [-3.0, -1.0, 1.0, -2.0]
+    """
+    given = counts[np.isfinite(counts)]
+    whole = given.size > 0 and given.min() >= 0.0 and bool((given == np.rint(given)).all())
+    fitting = (b for b in LIMITS.bits_of_counts if given.max(initial=0.0) < 2.0**b)
+    bits = next(fitting, 0) if whole else 0
+    low, high = given < 2.0 ** (bits - 2), given >= 3.0 * 2.0 ** (bits - 2)
+    several = len(np.unique(given[high])) >= LIMITS.fewest_negative_counts
+    if not (bits and several and low.any() and (low | high).all()):
+        return counts, []
+    signed = np.where(counts >= 2.0 ** (bits - 1), counts - 2.0**bits, counts)
+    return signed, [f"counts without their sign: {2**bits - 1} is read as -1 ({bits} bits)"]
+
+
 def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
     """Which numbers of the file are marks of "no reading"."""
     return np.isin(numbers, [] if part.missing is None else part.missing)
@@ -324,7 +344,7 @@ def _readings(part: ReadingsStream, table: Table, flagged: np.ndarray, where: st
     """Columns in SI units, torques on the wheel; their rounding; what was taken for no reading."""
     read = table.stack(part.names)
     marks = _marks(part, read)
-    read = np.where(flagged | marks, np.nan, read)
+    read, unsigned = with_signs(np.where(flagged | marks, np.nan, read))
     roundings = rounding_sigmas(read)
     values = np.empty_like(read)
     for k, name in enumerate(part.names):
@@ -335,6 +355,7 @@ def _readings(part: ReadingsStream, table: Table, flagged: np.ndarray, where: st
     # 0 - values, because -values would make zeros negative.
     body = isinstance(part, TorqueStream) and part.acts_on == "body"
     said = [f"{marks.sum()} cells hold {part.missing}, a mark of no reading"] if marks.any() else []
+    said += unsigned
     counts = np.isfinite(values).sum(axis=0)
     fewest = int(np.argmin(counts))
     # Commands may change one by one.
@@ -347,13 +368,12 @@ def _readings(part: ReadingsStream, table: Table, flagged: np.ndarray, where: st
 def _attitudes(part: AttitudeStream, table: Table, flagged: np.ndarray, where: str) -> _Readings:
     """Quaternions, body from inertial, scalar last; rounding [rad]; what was taken for no fix."""
     names, convention, of_tracker = agreed_attitude(table, part, where)
-    read = np.where(flagged, np.nan, table.stack(names))
+    read, said = with_signs(np.where(flagged, np.nan, table.stack(names)))
     values = read * np.array(part.scale)
     without = without_solution(values, convention, _marks(part, read))
-    said = []
     if without.any():
         texts = ", ".join(f"{value:.6g}" for value in np.unique(read[without])[:4])
-        said = [f"{int(without.sum())} rows hold {texts} in all of {', '.join(names)}: no fix"]
+        said += [f"{int(without.sum())} rows hold {texts} in all of {', '.join(names)}: no fix"]
         values = np.where(without[:, None], np.nan, values)
     problem = bad_attitude(values, convention)
     if problem is not None:

@@ -11,6 +11,7 @@ from support.raw_logs import MAPPING, imported, log_columns
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.mapping import parse_mapping
+from bayes_inertia.importing.stream_readings import with_signs
 
 FIXES = ("q1", "q2", "q3", "q4")
 RATES = ("wx", "wy", "wz")
@@ -253,6 +254,31 @@ def test_flagged_rows_need_be_no_attitude(tmp_path, columns):
     columns["q1"] = np.where(columns["flag"] == 0, 7.0, columns["q1"])
     flag = (OF_FIXES, OF_FIXES + 'valid = { name = "flag", equals = 1 }\n')
     assert len(imported(tmp_path, columns, flag).logs.streams["attitude"].time) == 210
+
+
+@pytest.mark.parametrize("bits", [16, 24])
+def test_counts_without_their_sign_are_told_and_mended(tmp_path, columns, bits):
+    step = 4e-4  # [deg/s]
+    counts = {name: np.round(columns[name] / step).astype(int) for name in RATES}
+    assert min(counts[name].min() for name in RATES) < -3
+    stated = ('unit = "deg/s"', f'unit = "deg/s"\nscale = {step}')
+    streams = []
+    for folder, unsigned in (("signed", 0), ("unsigned", 2**bits)):
+        (tmp_path / folder).mkdir()
+        columns |= {name: np.where(c < 0, c + unsigned, c) for name, c in counts.items()}
+        streams.append(imported(tmp_path / folder, columns, stated).logs.streams["rate"])
+    np.testing.assert_array_equal(streams[0].values, streams[1].values)
+    assert f"{2**bits - 1} is read as -1 ({bits} bits)" in streams[1].notes[0]
+    assert not streams[0].notes
+
+
+@pytest.mark.parametrize(
+    "counts", [[3, 65535, 65535, 2], [1, 30000, 65533, 65534, 65535], [0.5, 65533, 65534, 65535]]
+)
+def test_other_numbers_are_no_counts_without_sign(counts):
+    """A mark, readings in the middle, and numbers that are no counts."""
+    column = np.array(counts, float)[:, None]
+    assert with_signs(column)[0] is column
 
 
 def test_attitudes_in_counts_have_a_scale(tmp_path, columns):
