@@ -90,7 +90,12 @@ def _with_fewest_cuts(written: Callable[[bool], Campaign]) -> Campaign:
     if len(masked.slews) <= whole:
         return masked
     commanded = with_dirt_masked(written(True))
-    return commanded if commanded.has_commands and len(commanded.slews) <= whole else masked
+    better = commanded.has_commands and len(commanded.slews) <= whole
+    return commanded if better and _rows(commanded) >= _rows(masked) else masked
+
+
+def _rows(campaign: Campaign) -> int:
+    return sum(len(slew.time) for slew in campaign.slews)
 
 
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
