@@ -96,6 +96,10 @@ class ControlLaw(NamedTuple):
         Spin inertia of each wheel [kg m^2].
     max_torque : (wheels,) array
         Torque limit of each wheel [N m].
+    max_momentum : (wheels,) array
+        Momentum limit of each wheel [N m s].
+    period : float
+        How long a command is held [s].
     stiffness : float
         Gain on the attitude error [1/s^2].
     damping : float
@@ -111,6 +115,8 @@ class ControlLaw(NamedTuple):
     allocation: Array
     spin_inertia: Array
     max_torque: Array
+    max_momentum: Array
+    period: Array
     stiffness: Array
     damping: Array
     rate_range: Array
@@ -189,7 +195,8 @@ def wheel_command(
     """Motor torques that the controller commands.
 
     Inverse dynamics of the planned motion (paper eq 6), and feedback of what differs from it.
-    Saturation scales all wheels together, which keeps the torque's direction.
+    Saturation scales all wheels together, which keeps the torque's direction. A wheel at its
+    momentum limit takes up no more, whatever the others do.
 
     `attitude` (4,); `rate_B` (3,) [rad/s]. `momentum` (wheels,): wheel momentum relative to the
     body, as the tachometers show it [N m s]. Returns (wheels,) [N m].
@@ -203,9 +210,14 @@ def wheel_command(
     torque = -law.allocation @ (
         law.inertia_B @ acceleration + jnp.cross(reference.middle_rate_B, total)
     )
-    return torque * jnp.min(
+    torque = torque * jnp.min(
         law.max_torque / jnp.maximum(jnp.abs(torque), law.max_torque), initial=1.0
     )
+    lowest, highest = (
+        jnp.minimum(-law.max_momentum, momentum),
+        jnp.maximum(law.max_momentum, momentum),
+    )
+    return jnp.clip(torque, (lowest - momentum) / law.period, (highest - momentum) / law.period)
 
 
 class Plant(NamedTuple):

@@ -257,6 +257,8 @@ def control_law(spacecraft: Spacecraft, controller: Controller, period: float) -
         allocation=jnp.asarray(allocation(spacecraft.wheels)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
         max_torque=jnp.asarray([w.max_torque or NUMERICS.no_limit for w in spacecraft.wheels]),
+        max_momentum=jnp.asarray([w.max_momentum or NUMERICS.no_limit for w in spacecraft.wheels]),
+        period=jnp.asarray(period),
         stiffness=jnp.asarray(bandwidth**2),
         damping=jnp.asarray(2.0 * controller.damping * bandwidth),
         rate_range=jnp.asarray(sensor.range or NUMERICS.no_limit),

@@ -28,8 +28,8 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft, body_tensor,
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.printed import counted
 from bayes_inertia.maths.values import json_ready, whole_number
-from bayes_inertia.physics.effect import Effect, require_of_effect
-from bayes_inertia.physics.forward_model import base_space
+from bayes_inertia.physics.effect import Effect, require_of_effect, require_rule
+from bayes_inertia.physics.forward_model import base_space, lacks
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import ParameterSpace
 
@@ -88,6 +88,8 @@ def _hidden_effects(
     effects = tuple(e.in_campaign(template) for e in effects_named(pinned_names(names)))
     values: dict[str, dict[str, Any]] = {}
     for name, effect in zip(names, effects, strict=True):
+        missing = lacks(effect, template)
+        require_rule(not missing, effect, "lacks", missing=missing)
         space = parameter_space(effect, template)
         settings = [(key, value) for of, key, value in requests if of == name and key]
         flat = space.nulls if settings else space.draw(rng, 1)[0]

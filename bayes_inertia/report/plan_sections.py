@@ -54,7 +54,9 @@ def design_sections(
 def gain_answer(design: Design) -> str:
     """What the plan reaches of its goal, and slews like the paper's; whether it can be flown."""
     goal, reached = design.goal, (design.value, design.reference_value)
-    return phrase("plans", "gain", goal.says, goal.unit, *reached, design.kept)
+    # Where no rate is asked for it is the campaign's own, and not that of `compare ... paper`.
+    rate = max(row["rate_deg_s"] for row in design.reference.slew_rows())
+    return phrase("plans", "gain", goal.says, goal.unit, *reached, rate, design.kept)
 
 
 def gain_table(design: Design) -> Table:

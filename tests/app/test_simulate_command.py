@@ -88,6 +88,35 @@ def test_simulate_says_which_limits_the_plan_breaks_and_flies_it(tmp_path, capsy
     assert "0.02 N m allowed" in told
 
 
+def test_a_wheel_at_its_momentum_limit_takes_up_no_more(tmp_path, capsys):
+    fast = PlannedSlew((1.0, 0.0, 0.0), 3.0, rate=0.12, acceleration=0.005)
+    plan = replace(paper_like_plan(), slews=(fast,), wheel_momentum=(0.0, 0.0, 0.0))
+    write_plan(plan, tmp_path / "plan.toml")
+    assert run("simulate", "-o", tmp_path / "out", "--plan", tmp_path / "plan.toml") == 0
+    assert "momentum of wheel_x" in capsys.readouterr().err
+    flown = read_campaign(tmp_path / "out")
+    reached = np.abs(flown.slews[0].wheel_momentum).max(axis=0)
+    limit = flown.wheels[0].max_momentum
+    assert 0.99 * limit < reached[0] < limit + 6.0 * flown.wheels[0].momentum_sigma
+
+
+@pytest.mark.parametrize(
+    ("like", "hidden", "says"),
+    [
+        ("gyroless", "rate_bias_drift", "needs a rate sensor"),
+        ("gyroless", "rate_sensor_nonlinearity", "needs a rate sensor"),
+        ("thruster", "wheel_torque_gain", "needs wheels"),
+    ],
+)
+def test_an_effect_of_a_device_that_is_not_on_board_cannot_be_hidden(
+    tmp_path, capsys, like, hidden, says
+):
+    assert run("new", tmp_path / "c", "--like", like) == 0
+    asked = "--campaign", tmp_path / "c", "--hide", hidden
+    assert run("simulate", "-o", tmp_path / "out", *asked) == 2
+    assert f"{hidden}: {says}" in capsys.readouterr().err
+
+
 def test_nothing_on_board_limits_the_angle_of_a_slew():
     far = replace(paper_like_plan(), slews=(PlannedSlew((1.0, 0.0, 0.0), 4.0),))
     assert note_of_broken_limits(far, most_like_mission()) == ()
