@@ -71,9 +71,8 @@ def text_of(sections) -> str:
 
 def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
     text = text_of(design_sections(DESIGN, (PLAN, PAPER), after=False))
-    gain = (
-        "1.94 times smaller than with slews like the paper's of at most 1 deg/s (1.2 × 10⁻⁴ kg m²)."
-    )
+    paper = "than with slews like the paper's of at most 1 deg/s"
+    gain = f"1.94 times smaller {paper} (1.2 × 10⁻⁴ kg m²)."
     assert f"inertia: 6.2 × 10⁻⁵ kg m², {gain}" in text
     assert "Known worse than with slews like the paper's: K3 (2.0 times)." in text
     assert "sd now after the plan × 10⁻⁵ after the paper's slews × 10⁻⁵ times sharper" in text
@@ -82,7 +81,6 @@ def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
     worse = replace(DESIGN, value=1.2e-4, reference_value=6.0e-5)
     text = text_of(design_sections(worse, (PLAN, PAPER), after=False))
     assert f"kg m², 2 times larger {paper} (6.0 × 10⁻⁵ kg m²)." in text
-    )
     assert "2 times worse than slews like the paper's" in str(worse)
 
 
