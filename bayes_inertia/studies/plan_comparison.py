@@ -159,7 +159,7 @@ def compare_plans(
     require(known_apart, "plans", what, "give each its own name")
     mean = Mission.of(mission).at_prior_mean()
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
-    limits = limits or Limits()
+    limits = limits or Limits(angle=None)
     contenders = list[Contender]()
     if not simulated:
         for name, plan in named.items():
