@@ -92,14 +92,15 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "A law that no effect is, three times as strong as the best possible test finds",
-            "of {formulas.laws} laws the formula is named, or listed as its equal, in "
-            "{formulas.named}, listed beside other answers in {formulas.listed}; a wrong formula "
-            "is named in {formulas.wrong}, effects that imitate the law in {formulas.imitated}",
+            "of {formulas.laws} campaigns of twenty laws the formula is named, or listed as its "
+            "equal, in {formulas.named}, listed beside other answers in {formulas.listed}; a wrong "
+            "formula is named in {formulas.wrong}, effects that imitate the law in "
+            "{formulas.imitated}",
             "formulas",
         ),
         (
             "The same, just as strong as that test finds",
-            "too weak as a rule: of {formulas_once.laws} laws the formula is named in "
+            "too weak as a rule: of {formulas_once.laws} campaigns the formula is named in "
             "{formulas_once.named}, listed beside other answers in {formulas_once.listed}; nothing "
             "is found in {formulas_once.missed}; a wrong formula is named in "
             "{formulas_once.wrong}, effects that imitate the law in {formulas_once.imitated}",

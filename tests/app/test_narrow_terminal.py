@@ -90,6 +90,7 @@ def test_a_design(printed):
         sd_before={"Jxy": 0.03, "K3": 0.03},
         units={"Jxy": "kg m^2", "K3": ""},
         plan=paper_like_plan(),
+        reference=paper_like_plan(),
         flown=(margin(),),
         active=("rate",),
         kept=True,

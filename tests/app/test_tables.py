@@ -93,6 +93,7 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         sd_before={"Jxy": 0.03, "K3": 0.03},
         units={"Jxy": "kg m^2", "K3": ""},
         plan=paper_like_plan(),
+        reference=paper_like_plan(),
         flown=(margin("keep-out [Sun]", True), margin("rate [/all]", False)),
         active=("keep-out [Sun]",),
         kept=False,
