@@ -36,7 +36,7 @@ def page_of(template: str, **context) -> str:
 
 
 def test_a_number_is_never_written_as_on_a_calculator():
-    said = phrase("plans", "gain", "sd of Jxx", "", 1e-6, 1.06e-3, True)
+    said = phrase("plans", "gain", "sd of Jxx", "", 1e-6, 1.06e-3, 1.0, True)
     assert "1,060 times smaller" in said
     step = {"added": "wheel_friction", "held_out_before": None}
     step |= {"reduced_chi2_before": {"total": 2.35e5}, "reduced_chi2_after": {"total": 1.0}}
