@@ -39,15 +39,13 @@ from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_told, told_by
 from bayes_inertia.series.history import OF_PART, History, history_told
 from bayes_inertia.series.sources import FIT_MANY_FILE, FITS_FILE, Told, told_by
 from bayes_inertia.studies.engine import Execution, Notice
-from bayes_inertia.studies.work import Row, Work, WorkResult
+from bayes_inertia.studies.work import DEPENDS_ON, Row, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
 
 FORMAT = "bayes-inertia-fit-many/1"
 # What a row says of each parameter, beside its mean.
 _STATISTICS = ("sd", "quoted_sd", "robust_sd", "q05", "q50", "q95")
 _DIAGNOSTICS = ("nested_rhat_max", "ess_bulk_min", "ess_tail_min")
-# Between a campaign's name and the digest of its files, in a task's id.
-_AT = "@"
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class CampaignFit:
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """The row of a campaign: posterior, gates, chi^2."""
-        name, _, digest = task_id.rpartition(_AT)
+        name, _, digest = task_id.rpartition(DEPENDS_ON)
         path = self.folder / name
         now = _digest(path)
         if now != digest:
@@ -198,7 +196,9 @@ def _ids(folder: Path, out: Path) -> tuple[str, ...]:
     ]
     what, advice = "holds no campaign.toml, at any depth", "give a folder of campaign folders"
     require(bool(folders), str(folder), what, advice)
-    return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in folders)
+    return tuple(
+        f"{path.relative_to(folder).as_posix()}{DEPENDS_ON}{_digest(path)}" for path in folders
+    )
 
 
 def _is_copy_of_run(path: Path, folder: Path) -> bool:

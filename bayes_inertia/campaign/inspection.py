@@ -45,9 +45,9 @@ def _overlaps(slews: Sequence[Slew]) -> list[Dirt]:
     """A record where slews overlap in time, which one spacecraft cannot fly."""
     ordered = sorted(slews, key=lambda slew: slew.start)
     for first, second in pairwise(ordered):
-        end = first.start + float(np.ptp(first.time))
         # One may begin with the last row of the other.
-        if second.start < end - float(np.max(np.diff(first.time[-2:]), initial=0.0)):
+        *before, end = first.start + (first.time[-2:] - first.time[0])
+        if before and second.start < before[0]:
             note = f"{second.name} begins {end - second.start:.4g} s before {first.name} ends: "
             note += "what drifts through the campaign is seen at wrong times; mend start"
             return [Dirt("clock", "time", second.name, (), "ignored", note)]

@@ -393,11 +393,13 @@ def prior_in(source: str | Path) -> GaussianPrior:
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
-    text = text_of(read_bytes(file), str(file))
-    if "CCSDS_ACM_VERS" in text:
-        return prior_from_json(_of_message(text, str(file)), str(file))
-    what, advice = "holds no prior", f"give {finished}, or what `export` writes: --to acm or json"
-    errors.require(of_run or text.lstrip().startswith("{"), str(file), what, advice)
+    if not of_run:
+        text = text_of(read_bytes(file), str(file))
+        if "CCSDS_ACM_VERS" in text:
+            return prior_from_json(_of_message(text, str(file)), str(file))
+        what = "holds no prior"
+        advice = f"give {finished}, or what `export` writes: --to acm or json"
+        errors.require(text.lstrip().startswith("{"), str(file), what, advice)
     content = read_sealed_json(file, f"give {finished}, or a JSON file")
     if content.get("format") == EXPORT_FORMAT:
         content = _of_export(content, str(file))

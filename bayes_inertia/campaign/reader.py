@@ -76,10 +76,10 @@ def read_campaign(path: str | Path) -> Campaign:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
-    return _with_fewest_cuts(lambda keep: read_unmasked(path, keep_commands=keep))
+    return with_fewest_cuts(lambda keep: read_unmasked(path, keep_commands=keep))
 
 
-def _with_fewest_cuts(written: Callable[[bool], Campaign]) -> Campaign:
+def with_fewest_cuts(written: Callable[[bool], Campaign]) -> Campaign:
     """The campaign that tachometers drive where commands are lost, unless that cuts more slews.
 
     `written`: it with every reading, by whether commands with gaps are kept. A message that holds
@@ -140,7 +140,7 @@ def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
     """The campaign that a folder with this description and these tables is; nothing is written."""
-    return _with_fewest_cuts(partial(unmasked_of, description, label, tables))
+    return with_fewest_cuts(partial(unmasked_of, description, label, tables))
 
 
 def unmasked_of(

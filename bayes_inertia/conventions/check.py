@@ -11,6 +11,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +22,7 @@ from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
-from bayes_inertia.campaign.reader import read_campaign, read_unmasked
+from bayes_inertia.campaign.reader import read_unmasked, with_fewest_cuts
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import ATTITUDE, BY_KEY, KINDS, MOMENTUM, RATE, SensorStream
 from bayes_inertia.conventions import wording
@@ -251,12 +252,14 @@ def check_conventions(
         return _checked(_Case(campaign, campaign, quick, torques, stated))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
-    written = read_unmasked(campaign)
+    # Its files are read once, with commands that have gaps and without.
+    written_by = cache(lambda keep: read_unmasked(path, keep_commands=keep))
+    written = written_by(False)
     masked = with_dirt_masked(written)
     if any(dirt.kind == "gap" and dirt.channel == "torque" for dirt in masked.dirt):
         # A fit needs no commands where tachometers are; here both are held against each other.
-        written = read_unmasked(campaign, keep_commands=True)
-        kept, used = with_dirt_masked(written), read_campaign(campaign).has_commands
+        written = written_by(True)
+        kept, used = with_dirt_masked(written), with_fewest_cuts(written_by).has_commands
         masked = kept if used else replace(kept, dirt=masked.dirt)
     stated = stated_by(masked, parse_description(text, str(path)))
     case = _Case(masked, written, quick, ToldTorques(masked, told), stated, text)

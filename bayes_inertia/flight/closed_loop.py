@@ -213,10 +213,8 @@ def wheel_command(
     torque = torque * jnp.min(
         law.max_torque / jnp.maximum(jnp.abs(torque), law.max_torque), initial=1.0
     )
-    lowest, highest = (
-        jnp.minimum(-law.max_momentum, momentum),
-        jnp.maximum(law.max_momentum, momentum),
-    )
+    lowest = jnp.minimum(-law.max_momentum, momentum)
+    highest = jnp.maximum(law.max_momentum, momentum)
     return jnp.clip(torque, (lowest - momentum) / law.period, (highest - momentum) / law.period)
 
 

@@ -296,7 +296,7 @@ def plot_trace(
     matplotlib.axes.Axes
         One line an ensemble: the mean of its walkers, with the band that holds 90 % of them.
     """
-    values, label = _ensembles(posterior, name)
+    values, label = chains.ensembles_of(posterior, _least_agreed(posterior, name))
     assert ax is not None
     discarded = posterior.attributes["diagnostics"]["discarded"]
     chains.trace_panel(ax, label(values), label.label, discarded)
@@ -323,16 +323,12 @@ def plot_ranks(
     matplotlib.axes.Axes
         The band holds 99 % of the shares of ensembles that agree.
     """
-    values, _ = _ensembles(posterior, name)
+    shown = _least_agreed(posterior, name)
+    values, _ = chains.ensembles_of(posterior, shown)
     assert ax is not None
     chains.rank_panel(ax, values, posterior.attributes["diagnostics"]["tau_max"])
-    ax.set_xlabel(f"rank of {_least_agreed(posterior, name)} among all draws [–]")
+    ax.set_xlabel(f"rank of {shown} among all draws [–]")
     return ax
-
-
-def _ensembles(posterior: Posterior, name: str | int | None) -> tuple[np.ndarray, style.Scale]:
-    """Draws of a parameter, or of the one whose ensembles agree least; the scale of its axis."""
-    return chains.ensembles_of(posterior, _least_agreed(posterior, name))
 
 
 def _least_agreed(posterior: Posterior, name: str | int | None) -> str:

@@ -23,6 +23,10 @@ class Task(Protocol):
         """The row: a number, text, array or None by name; random numbers come from `seed`."""
 
 
+# What stands in a task's id before what the task depends on, such as the digest of its data.
+DEPENDS_ON = "@"
+
+
 @dataclass(frozen=True)
 class Work:
     """Many tasks of one kind.
@@ -34,7 +38,7 @@ class Work:
     task : Task
         Makes the row of one task.
     ids : tuple of str
-        The tasks; behind an @ what a task depends on, such as the digest of its data.
+        The tasks; what a task depends on may stand behind its name, see `DEPENDS_ON`.
     seed : int
         Of the study.
     options : mapping
@@ -107,7 +111,7 @@ class TaskFailure:
     @property
     def name(self) -> str:
         """The task's id without what it depends on."""
-        return self.task.rpartition("@")[0] or self.task
+        return self.task.rpartition(DEPENDS_ON)[0] or self.task
 
 
 @dataclass(frozen=True)

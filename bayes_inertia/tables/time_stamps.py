@@ -86,8 +86,7 @@ def time_names(table: Table) -> list[str]:
     ]
     named = named or [n for n in table.columns if _LATER_TIME.fullmatch(n.lower().strip("_ "))]
     # When it was read, before when it was published, before when it was received.
-    named.sort(key=lambda name: "sample" not in name.lower())
-    named.sort(key=lambda name: bool(_RECEIPT.fullmatch(name.lower())))
+    named.sort(key=lambda x: (bool(_RECEIPT.fullmatch(x.lower())), "sample" not in x.lower()))
     return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 
