@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
+from itertools import chain
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from bayes_inertia.maths.printed import Card, parameter_card, shown_as
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import array_dataclass, json_ready
 from bayes_inertia.sealing import read_sealed_json
+from bayes_inertia.tables.aem_file import message_blocks
 
 # Where a result keeps the prior that it is for the next campaign.
 SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
@@ -30,15 +34,13 @@ SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
 COPY_FILE = "prior.json"
 # Format of a result that `export` wrote.
 EXPORT_FORMAT = "bayes-inertia-export/1"
-# Lines of an attitude comprehensive message (CCSDS 504.0-B-2) on J, K and their covariance, and
-# comments of `export` on why its numbers are less than they seem.
-_OF_MESSAGE = re.compile(
-    r"^[ \t]*(?:USER_DEFINED_)?(I[XYZ]{2}|K\d+|COV_\w+)[ \t]*=[ \t]*(\S+)[ \t]*(?:\[(.*)\])?",
-    re.MULTILINE,
-)
-_FRAME_OF_MESSAGE = re.compile(r"^\s*INERTIA_REF_FRAME\s*=\s*(\S+)", re.MULTILINE)
-_SLEW_OF_MESSAGE = re.compile(r"^\s*USER_DEFINED_SLEW_\d+\s*=\s*(\S+)", re.MULTILINE)
-_CAUTION = re.compile(r"^\s*COMMENT\s+(?:NOTE|WARNING): (.*)$", re.MULTILINE)
+# Blocks of an attitude comprehensive message (CCSDS 504.0-B-2) that speak of J, K and their
+# covariance, whether they hold rows, and what is entered beside the standard's own keywords.
+_OF_MESSAGE = {"": False, "PHYS": False, "USER": False}
+_ENTERED = "USER_DEFINED_"
+_NUMBER_OF_MESSAGE = re.compile(r"I[XYZ]{2}|K\d+|COV_\w+")
+# Comments of `export` on why its numbers are less than they seem.
+_CAUTION = re.compile(r"(?:NOTE|WARNING): (.*)")
 _NAME = re.compile(rf"{'|'.join(ELEMENTS)}|K[1-9]\d*")
 _MOMENTS = ("Jxx", "Jyy", "Jzz")
 
@@ -426,12 +428,20 @@ def _of_export(content: Mapping[str, Any], where: str) -> dict[str, Any]:
 
 def _of_message(text: str, where: str) -> dict[str, Any]:
     """The prior that an attitude comprehensive message states, as `export` writes one: J_locked."""
-    _require_usable(_CAUTION.findall(text), where)
-    for frame in _FRAME_OF_MESSAGE.findall(text):
-        advice = "give the inertia in body axes: SC_BODY_1"
-        body = frame.upper().startswith("SC_BODY")
-        errors.require(body, where, f"INERTIA_REF_FRAME = {frame}", advice)
-    told = {key: _number(key, value, unit, where) for key, value, unit in _OF_MESSAGE.findall(text)}
+    blocks = message_blocks(text, where, _OF_MESSAGE)
+    cautions = (_CAUTION.fullmatch(line) for block in blocks for line in block.comments)
+    _require_usable([caution[1] for caution in cautions if caution], where)
+    stated = dict(chain.from_iterable(block.pairs.items() for block in blocks))
+    units = dict(chain.from_iterable(block.units.items() for block in blocks))
+    frame = stated.get("INERTIA_REF_FRAME", "SC_BODY")
+    advice = "give the inertia in body axes: SC_BODY_1"
+    body = frame.upper().startswith("SC_BODY")
+    errors.require(body, where, f"INERTIA_REF_FRAME = {frame}", advice)
+    told = {
+        key.removeprefix(_ENTERED): _number(key, value, units[key], where)
+        for key, value in stated.items()
+        if _NUMBER_OF_MESSAGE.fullmatch(key.removeprefix(_ENTERED))
+    }
     keys = [f"I{name[1:].upper()}" for name in ELEMENTS]
     keys += [key for key in told if key.startswith("K")]
     pairs = [
@@ -449,21 +459,19 @@ def _of_message(text: str, where: str) -> dict[str, Any]:
         "mean": [told[key] for key in keys],
         "covariance": [[told[pair] for pair in row] for row in pairs],
         "includes_wheel_spin": True,
-        "learnt_from": _SLEW_OF_MESSAGE.findall(text),
+        "learnt_from": [x for key, x in stated.items() if key.startswith(f"{_ENTERED}SLEW_")],
     }
 
 
-def _number(key: str, value: str, unit: str, where: str) -> float:
+def _number(key: str, text: str, unit: str, where: str) -> float:
     """A number of a message; the standard knows one unit of the tensor."""
     known = unit in ("", "kg*m**2")
     errors.require(known, f"{where}, {key}", f"the unit is {unit!r}", "give kg*m**2")
-    try:
-        number = float(value)
-    except ValueError:
-        number = np.nan
-    finite = bool(np.isfinite(number))
-    errors.require(finite, f"{where}, {key}", f"{value!r} is no number", "write a number")
-    return number
+    with suppress(ValueError):
+        if isfinite(number := float(text)):
+            return number
+    what = f"{text!r} is no number"
+    raise CampaignError(what, where=f"{where}, {key}", advice="write a number")
 
 
 def _require_usable(cautions: Sequence[str], where: str) -> None:

@@ -22,8 +22,7 @@ from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.text_cells import CellRow, content, decoded, lines_in
 from bayes_inertia.tables.time_texts import text_to_ns
 
-_PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
-_UNIT = re.compile(r"\s*\[[^\]]*\]\s*$")
+_PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*(?:\[([^\]]*)\]\s*)?")
 _BLOCK = re.compile(r"([A-Z]+)_(START|STOP)")
 _OF_BLOCK = frozenset(vocabulary("tables")["acm_keywords"]["dropped"].split())
 _RATES = {"NONE": "", "ANGVEL": "/ANGVEL", "Q_DOT": "/DERIVATIVE", "EULER_RATE": "/DERIVATIVE"}
@@ -96,18 +95,23 @@ def _segments(path: Path) -> dict[str, AemSegment]:
 
 
 @dataclass(frozen=True)
-class _Block:
+class MessageBlock:
     """What stands between NAME_START and NAME_STOP, or outside of all blocks ("")."""
 
     name: str
     where: str
     pairs: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)  # by keyword, without brackets
+    comments: list[str] = field(default_factory=list)
     rows: list[CellRow] = field(default_factory=list)
 
 
-def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
-    """Blocks of a message, what is outside first; `read`: names, and whether they hold rows."""
-    block = outside = _Block("", label)
+def message_blocks(text: str, label: str, read: Mapping[str, bool]) -> list[MessageBlock]:
+    """Blocks of a message, what is outside first; `read`: names, and whether they hold rows.
+
+    Of all other blocks the comments alone.
+    """
+    block = outside = MessageBlock("", label)
     blocks = [outside]
     for number, raw in enumerate(lines_in(text), start=1):
         line, where = raw.strip(), f"{label}, line {number}"
@@ -115,21 +119,25 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
         if mark:
             fits = block.name == (mark[1] if mark[2] == "STOP" else "")
             require(fits, where, f"{line} does not belong here", _ADVICE)
-            block = _Block(mark[1], where) if mark[2] == "START" else outside
+            block = MessageBlock(mark[1], where) if mark[2] == "START" else outside
             blocks += [] if block is outside else [block]
-        elif not line or line.startswith("COMMENT") or block.name not in read:
+        elif line.startswith("COMMENT"):
+            block.comments.append(line.removeprefix("COMMENT").strip())
+        elif not line or block.name not in read:
             continue
         elif read[block.name] and (block.name == "DATA" or "=" not in line):
             block.rows.append(CellRow(number, tuple(line.split())))
         else:
-            _add(block.pairs, *_pair(line, where), where)
+            key, value, unit = _pair(line, where)
+            _add(block.pairs, key, value, where)
+            block.units[key] = unit
     require(block is outside, label, "ends within a segment", _ADVICE)
     return blocks
 
 
 def _from_kvn(text: str, label: str) -> list[AemSegment]:
     """Segments of keywords and values: metadata and data by turns."""
-    header, *blocks = _blocks(text, label, {"": False, "META": False, "DATA": True})
+    header, *blocks = message_blocks(text, label, {"": False, "META": False, "DATA": True})
     for k, block in enumerate(blocks):
         what = f"{block.name}_START does not belong here"
         require(block.name == ("META", "DATA")[k % 2], block.where, what, _ADVICE)
@@ -143,7 +151,7 @@ def _from_acm(text: str, label: str) -> list[AemSegment]:
     """Blocks of attitudes of a comprehensive message; other blocks are passed over."""
     segments: list[AemSegment] = []
     meta: dict[str, str] = {}
-    for block in _blocks(text, label, {"META": False, "ATT": True}):
+    for block in message_blocks(text, label, {"META": False, "ATT": True}):
         if block.name == "META":
             meta |= block.pairs
         elif block.name == "ATT":
@@ -151,7 +159,7 @@ def _from_acm(text: str, label: str) -> list[AemSegment]:
     return segments
 
 
-def _as_aem(meta: Mapping[str, str], block: _Block, label: str) -> AemSegment:
+def _as_aem(meta: Mapping[str, str], block: MessageBlock, label: str) -> AemSegment:
     """A block as an AEM has it: its times count from EPOCH_TZERO [s]."""
     system = meta.get("TIME_SYSTEM", "")
     stated = {key: value for key, value in block.pairs.items() if key not in _OF_BLOCK}
@@ -181,12 +189,13 @@ def _as_aem(meta: Mapping[str, str], block: _Block, label: str) -> AemSegment:
     return AemSegment("2.0", stated, tuple(rows))
 
 
-def _pair(line: str, where: str) -> tuple[str, str]:
+def _pair(line: str, where: str) -> tuple[str, str, str]:
+    """Keyword, value and unit of a line."""
     match = _PAIR.fullmatch(line)
     if match is None:
         what = f"{line[:40]!r} is no KEYWORD = value"
         raise CampaignError(what, where=where, advice="mend or remove the line")
-    return match[1].upper(), _UNIT.sub("", match[2])
+    return match[1].upper(), match[2], match[3] or ""
 
 
 def _add(meta: dict[str, str], key: str, value: str, where: str) -> None:

@@ -431,6 +431,7 @@ def test_an_exported_result_with_a_caution_is_no_prior(result, tmp_path, to, cau
         ("^IXX = .*", "", "it states no IXX; give"),
         ("^IXX = .*", "IXX = 2852741.7 [g*m**2]", r"IXX: the unit is 'g\*m\*\*2'; give kg"),
         ("^IXX = .*", "IXX = nan [kg*m**2]", "IXX: 'nan' is no number"),
+        ("^IYY = .*", "IXX = 2852.7 [kg*m**2]", "IXX is given twice; remove one line"),
         ("SC_BODY_1", "EME2000", "INERTIA_REF_FRAME = EME2000; give the inertia in body axes"),
         ("(?s).*", "INERTIA_START", "holds no prior; give the folder"),
     ],
