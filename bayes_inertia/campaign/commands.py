@@ -1,20 +1,11 @@
 """Torque commands that were not recorded, and what the wheels are known to have done meanwhile.
 
-Torque commands lost in a few rows between smooth commands: a cubic fills them.
-
-How wrong it may be is measured: the same curve across rows of the slew that were not lost. A step
-of the commands inside a gap shows in its neighbours. The errors of all gaps of a slew add up in
-quadrature, and are doubled. What rates and star tracker could tell is not filled. The noise of a
-closed loop is no smooth curve: 1.5e-5 N m at 4 Hz turn a microsatellite, by one lost row, 20 times
-the noise of its star tracker away.
-
 The wheel electronics hold a command until the next one, and so does the model. Where rows are
 missing, the commands in them are unknown, and holding the last one is wrong: on the example
 campaign a single lost row in 200 moves J by up to 4 sd, a gap of 3 s by 60 sd. So
 
 * a gap in which the commands hardly changed is bridged by the last one;
-* a few rows lost among smooth commands are filled by a curve, where that is good enough;
-* else, where every wheel has a tachometer, the slew's commands are left out: the wheels' measured
+* where every wheel has a tachometer, the slew's commands are left out: the wheels' measured
   momentum drives the model, which costs 3 to 7 % in the sd of J;
 * else what the wheels did in the gap is unknown and the model integrates it out
   (`physics.stated_noise`): the slew stays whole;
@@ -49,109 +40,6 @@ from bayes_inertia.faults.gaps import gap_note, is_regular, missing_rows, unbrok
 from bayes_inertia.faults.impossible import far_beyond
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
-
-def with_short_gaps_filled(
-    channels: Channels, negligible: float
-) -> tuple[Channels, list[tuple[Dirt, np.ndarray]]]:
-    """Channels with rows for lost commands, where a smooth curve is as good, and the records.
-
-    `negligible`: error of the wheels' momentum that does not matter [N m s].
-    """
-    torque = channels["wheel_torque"]
-    rows = np.flatnonzero(np.isfinite(torque).all(axis=1))
-    at, commands = channels["time"][rows], torque[rows]
-    before, step = missing_rows(at)
-    found = [(k, _nodes(at[k - 1 : k + 3], step)) for k in before if 0 < k < len(at) - 2]
-    gaps = [(k, nodes) for k, nodes in found if nodes is not None]
-    forms = {tuple(nodes): nodes for _, nodes in gaps}
-    usual = {form: _usual(at, commands, nodes) for form, nodes in forms.items()}
-    errors = [
-        _error_of_curve(commands[k - 1 : k + 3], nodes, step, *usual[tuple(nodes)])
-        for k, nodes in gaps
-    ]
-    order = np.argsort(errors)
-    total = LIMITS.curve_error_safety * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
-    accepted = order[total <= LIMITS.times_negligible * negligible]
-    if not len(accepted):
-        return channels, []
-    chosen = [gaps[i] for i in np.sort(accepted)]
-    ends = np.sort(np.array([at[k + n] for k, _ in chosen for n in (0, 1)]))
-    filled = np.concatenate([at[k] + step * (_lost(nodes) - nodes[1]) for k, nodes in chosen])
-    curves = [_weights(nodes) @ commands[k - 1 : k + 3] for k, nodes in chosen]
-    note = (
-        f"commands of {len(filled)} lost row{'s' * (len(filled) != 1)} lie on a smooth curve "
-        "through their neighbours; momentum errs by less than "
-        f"{total[len(accepted) - 1]:.2g} N m s"
-    )
-    channels = with_rows_at(channels, filled, step)
-    rows = np.searchsorted(channels["time"], filled - LIMITS.same_row * step)
-    channels["wheel_torque"][rows] = np.concatenate(curves)
-    return channels, [(Dirt("gap", "torque", "", (), "modelled", note), ends)]
-
-
-def _nodes(around: np.ndarray, step: float) -> np.ndarray | None:
-    """Two rows before a gap and two after, counted in steps; None if too much is missing."""
-    steps = (around - around[0]) / step
-    nodes = np.round(steps).astype(int)
-    whole = np.all(np.abs(np.diff(steps) - np.diff(nodes)) <= LIMITS.whole_step)
-    most = LIMITS.most_rows_on_a_curve
-    near = len(_lost(nodes)) <= most and nodes[3] <= 2 * most + 2
-    return nodes if whole and near and np.all(np.diff(nodes) > 0) else None
-
-
-def _lost(nodes: np.ndarray) -> np.ndarray:
-    return np.arange(nodes[1] + 1, nodes[2])
-
-
-def _weights(nodes: np.ndarray) -> np.ndarray:
-    """Weights of the four rows around a gap, in the cubic through them at the lost rows."""
-    return np.vander(_lost(nodes).astype(float), 4) @ np.linalg.inv(np.vander(nodes * 1.0, 4))
-
-
-def _bends(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Deviation of four rows (..., 4, wheels) from a smooth change across the gap.
-
-    Returns (..., 2 wheels): what the change across the gap exceeds that of the slopes beside it
-    by, and the difference of these slopes over half the gap.
-    """
-    change = np.diff(rows, axis=-2)
-    slopes = change / np.diff(nodes)[:, None]
-    half = 0.5 * (nodes[2] - nodes[1])
-    step = change[..., 1, :] - half * (slopes[..., 0, :] + slopes[..., 2, :])
-    corner = half * (slopes[..., 2, :] - slopes[..., 0, :])
-    return np.abs(np.concatenate([step, corner], axis=-1))
-
-
-def _usual(
-    at: np.ndarray, commands: np.ndarray, nodes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rms error (wheels,) [N m s] of such gaps, and largest bends of smooth commands [N m]."""
-    step = float(np.median(np.diff(at)))
-    trials = unbroken_rows(at, int(nodes[3]), step)
-    none = np.full(commands.shape[1], np.inf), np.zeros(2 * commands.shape[1])
-    if len(trials) < LIMITS.fewest_trials:
-        return none
-    bends = _bends(commands[trials[:, None] + nodes], nodes)
-    # The rounding of equal numbers is no bend.
-    limit = LIMITS.smooth_factor * np.quantile(bends, LIMITS.smooth_quantile, axis=0)
-    limit = limit + 1e-12 * np.abs(commands).max()
-    smooth = trials[(bends <= limit).all(axis=1), None]
-    if len(smooth) < LIMITS.fewest_trials:
-        return none
-    errors = commands[smooth + _lost(nodes)] - _weights(nodes) @ commands[smooth + nodes]
-    return step * np.sqrt(np.mean(np.square(errors.sum(axis=1)), axis=0)), limit
-
-
-def _error_of_curve(
-    rows: np.ndarray, nodes: np.ndarray, step: float, usual: np.ndarray, limit: np.ndarray
-) -> float:
-    """Momentum [N m s] by which the curve through four rows around a gap may be wrong."""
-    bends = _bends(rows, nodes)
-    unusual = np.where(bends > limit, bends, 0.0).reshape(2, -1).max(axis=0)
-    hidden = 0.5 * len(_lost(nodes)) * step * unusual
-    return float(np.linalg.norm(np.maximum(usual, hidden)))
-
-
 Interval = tuple[float, float]
 
 
@@ -170,8 +58,7 @@ def with_known_torques(
     """
     if "wheel_torque" not in channels:
         return [channels], []
-    filled, dirt = with_short_gaps_filled(channels, negligible)
-    time, torque = filled["time"], filled["wheel_torque"]
+    time, torque = channels["time"], channels["wheel_torque"]
     known = np.isfinite(torque).all(axis=1)
     unknown = _unknown_intervals(time, torque, known, negligible)
     step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
@@ -181,10 +68,10 @@ def with_known_torques(
         record = _record(unknown, "measured wheel momentum drives the model", "masked")
         others = {name: values for name, values in channels.items() if name != "wheel_torque"}
         return [others], [record]
-    filled, unknown, records = _with_unknown_torques(filled, unknown, step)
+    filled, unknown, records = _with_unknown_torques(channels, unknown, step)
     # What a row commands is known until the next row is due.
     unknown = [(a + 1.01 * step, b) for a, b in unknown]
-    return without_intervals(filled, unknown), dirt + records
+    return without_intervals(filled, unknown), records
 
 
 def _with_unknown_torques(

@@ -69,10 +69,6 @@ class Limits:
     smooth_quantile: float = 0.9
     # of a step: the last lost row stands at least so long before the next command
     whole_step: float = 0.2
-    most_rows_on_a_curve: int = 3  # in one gap
-    curve_error_safety: float = 2.0
-    # All curves of a slew may err by this many errors that all readings together do not tell.
-    times_negligible: float = 2.0
 
     # `slew.py`
     # Two fixes further apart than this share of the slew, or than so many usual spacings, are of
