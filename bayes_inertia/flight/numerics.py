@@ -59,11 +59,9 @@ class Numerics:
     # Of the largest torque or momentum that a plan asks of a device, what may be missing.
     unreached: float = 1e-6
 
-    # `plan.py`
+    # `orbit.py`
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
-    # Rows of telemetry of a slew; more is a plan with a slip of units.
-    most_rows_of_slew: int = 5_000_000
 
     # `planned_motion.py`
     # Rows in the rest before, each ramp, the coast, the settling and the rest after.

@@ -29,10 +29,10 @@ from bayes_inertia.campaign.hardware import (
     unit_length,
 )
 from bayes_inertia.errors import is_one_of, members
-from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.printed import Card, counted, shown_as
 from bayes_inertia.maths.values import Vector
+from bayes_inertia.physics.numerics import NUMERICS
 
 Profile = Literal["trapezoid", "smooth"]
 
@@ -308,8 +308,8 @@ class Plan:
         place = f"slews[{k} of {len(self.slews)}]"
         least = self.rest_before + slew.motion_time + self.settle + self.rest_after
         longest = max(least, slew.duration or 0.0) / self.telemetry_period
-        most = NUMERICS.most_rows_of_slew
-        what = f"it has {longest:.3g} rows of telemetry, more than {most:,}"
+        most = NUMERICS.most_grid_points
+        what = f"it has {longest:.3g} rows of telemetry, more than {most:,.0f}"
         keys = "rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s"
         require_key(longest <= most, place, what, f"look at the units of {keys}")
         needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period

@@ -178,8 +178,15 @@ def read_plan(path: str | Path, base: Plan | None = None) -> Plan:
         given |= times_left_out(base, given)
         return Plan(**given) if base is None else replace(base, **given)
     except CampaignError as error:
-        where = re.sub(r"\w+$", lambda name: _KEYS_OF_FIELDS.get(name[0], name[0]), error.where)
-        raise CampaignError(error.what, where=f"{label}, {where}", advice=error.advice) from None
+        where = re.sub(r"\w+$", _key, error.where)
+        # Of one word, such as "rate", are words of every sentence.
+        what, advice = (re.sub(r"\w+_\w+", _key, text) for text in (error.what, error.advice))
+        raise CampaignError(what, where=f"{label}, {where}", advice=advice) from None
+
+
+def _key(field: re.Match[str]) -> str:
+    """How the file calls what is named here."""
+    return _KEYS_OF_FIELDS.get(field[0], field[0])
 
 
 def _slew(form: Any, place: str) -> PlannedSlew:

@@ -81,8 +81,12 @@ def refined_grid(time: np.ndarray, max_step: float) -> tuple[np.ndarray, np.ndar
     >>> refined_grid(np.array([0.0, 1.0, 1.5]), 0.5)
     (array([0. , 0.5, 1. , 1.5]), array([0, 2, 3]))
     """
+    most = NUMERICS.most_grid_points
     wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
-    if not wanted.sum() < NUMERICS.most_grid_points:
+    if not len(time) < most:
+        what, advice = f"a slew has {len(time):,} rows", f"give fewer than {most:,.0f} a slew"
+        raise CampaignError(what, where="time column", advice=advice)
+    if not wanted.sum() < most:
         what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
         advice = "check the unit of the rates and of time: such fast rotation is not plausible"
         raise CampaignError(what, where="rate columns", advice=advice)

@@ -101,7 +101,12 @@ def test_what_is_no_plan_or_no_path_is_told(tmp_path):
         (
             "telemetry_period_s = 0.25",
             "telemetry_period_s = 0.3",
-            "key rest_before_s: 20.0 s is",
+            "key rest_before_s: 20.0 s is no multiple of telemetry_period_s; choose",
+        ),
+        (
+            "telemetry_period_s = 0.25",
+            "telemetry_period_s = 0.0001",
+            r"slews\[1 of 5\]: it has .* rows of telemetry, more than 1,000,000; look at",
         ),
         ("pause_s = 300.0", "pause_s = -1.0", "key pause_s: -1.0 is negative; write 0 or more"),
     ],

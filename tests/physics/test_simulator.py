@@ -24,6 +24,7 @@ from support.slews import (
     torques,
 )
 
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
 from bayes_inertia.physics.effects import LIBRARY, ConstantTorque, Formula
@@ -33,6 +34,11 @@ from bayes_inertia.physics.packing import refined_grid
 from bayes_inertia.physics.prediction import predict
 from bayes_inertia.physics.slew_input import Start
 from bayes_inertia.physics.small_campaign import small_campaign
+
+
+def test_a_slew_of_too_many_rows_is_told_by_its_rows():
+    with pytest.raises(CampaignError, match="a slew has 1,000,001 rows; give fewer than 1,000,000"):
+        refined_grid(np.arange(1_000_001) * 1e-3, 1.0)
 
 
 def refine(time, held, linear, parts):
