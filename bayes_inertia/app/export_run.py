@@ -177,6 +177,7 @@ def _exported(
         notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
         begin_utc=summary.get("begin_utc") if campaign is None else campaign.begin_utc,
         learnt_from=tuple(chain.from_iterable(slews.get(key, ()) for key in ("own", "former"))),
+        scale_of_J=tuple(posterior.attributes.get("scale_of_J", ())),
         **{key: mission.get(key, "") for key in ("spacecraft", "operator")},
     )
 

@@ -21,7 +21,7 @@ from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.errors import BayesInertiaError, OutputError, library_of_extra, require
 from bayes_inertia.files import path_of, write_atomically
 from bayes_inertia.inference.settings import FitContext, Settings, require_settings, usual_settings
-from bayes_inertia.maths.values import by_name, json_ready
+from bayes_inertia.maths.values import by_name, json_ready, picked
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
@@ -320,7 +320,7 @@ def history_json(history: History) -> dict[str, Any]:
             }
             for jump in history.jumps
         ],
-        "wanders": history.wanders,
+        **picked(history, "wanders", "changed"),
         "left_out": history.left_out,
         "notes": series_notes(history),
     }

@@ -110,11 +110,13 @@ class GaussianPrior:
     beyond_sd: np.ndarray | None = None
     includes_wheel_spin: bool | None = None
     learnt_from: tuple[str, ...] = ()
+    scale_of_J: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         key = "prior"
-        for field in ("names", "logarithmic", "learnt_from"):
-            listed = members(getattr(self, field), str, f"key {key}.{field}")
+        for field in ("names", "logarithmic", "learnt_from", "scale_of_J"):
+            kind = Mapping if field == "scale_of_J" else str
+            listed = members(getattr(self, field), kind, f"key {key}.{field}")
             object.__setattr__(self, field, listed)
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
@@ -133,6 +135,8 @@ class GaussianPrior:
         require_key(not unknown, f"{key}.names", what, advice)
         known, what = set(self.logarithmic) <= set(names), "names what has no mean"
         require_key(known, f"{key}.logarithmic", what, "name it under names too")
+        signed, what = set(self.logarithmic) & set(ELEMENTS[3:]), "a product may be negative"
+        require_key(not signed, f"{key}.logarithmic", what, "name moments and scale factors")
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         require_key(finite, key, "a number is not finite", "give finite numbers")
         self._require_covariance(f"{key}.covariance")
@@ -360,6 +364,7 @@ def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
             beyond_sd=content.get("beyond_sd"),
             includes_wheel_spin=content.get("includes_wheel_spin"),
             learnt_from=tuple(content.get("learnt_from", ())),
+            scale_of_J=tuple(content.get("scale_of_J", ())),
             **ends,
         )
     except CampaignError as error:
@@ -395,6 +400,9 @@ def prior_in(source: str | Path) -> GaussianPrior:
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
     finished = "the folder of a finished run (`bayes-inertia resume RUN` finishes one)"
+    errors.require(
+        not of_run or file.is_file(), str(path), "no finished fit is here", f"give {finished}"
+    )
     if not of_run:
         text = text_of(read_bytes(file), str(file))
         if "CCSDS_ACM_VERS" in text:
@@ -422,7 +430,7 @@ def _of_export(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     covariance = np.array(content["covariance"])[np.ix_(of_body, of_body)]
     mean = [rows[name]["new"] for name in names]
     known = {"names": names, "mean": mean, "covariance": covariance}
-    said = ("includes_wheel_spin", "learnt_from")
+    said = ("includes_wheel_spin", "learnt_from", "scale_of_J")
     return known | {key: content[key] for key in said if key in content}
 
 
@@ -459,6 +467,8 @@ def _of_message(text: str, where: str) -> dict[str, Any]:
         "mean": [told[key] for key in keys],
         "covariance": [[told[pair] for pair in row] for row in pairs],
         "includes_wheel_spin": True,
+        # `export` warns of ratios alone.
+        "scale_of_J": [{"device": "inertia message", "by": "size", "relative_sd": 0.0}],
         "learnt_from": [x for key, x in stated.items() if key.startswith(f"{_ENTERED}SLEW_")],
     }
 

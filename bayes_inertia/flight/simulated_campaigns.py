@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import EffectError, OutputError, require
+from bayes_inertia.errors import EffectError, OutputError, members, require
 from bayes_inertia.files import path_of, write_atomically
 from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
@@ -50,6 +50,7 @@ def with_hidden_effects(mission: Mission, plan: Plan, hidden: Sequence[str], see
     >>> hiding.spacecraft.values["wheel_command_lag"]["tau"].item()
     0.1
     """
+    hidden = members(hidden, str, "hidden", error=EffectError)
     if not hidden:
         return mission
     template = planned_campaign(plan, mission)

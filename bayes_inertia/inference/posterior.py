@@ -273,7 +273,9 @@ class Posterior:
         name = str(self.attributes.get("campaign"))
         told = summary_of(name, *quoted, prior_mean, prior_sd, correlation)
         own = self.attributes.get("slew_digests", {}).get("own", ())
-        return replace(told, is_scale_untied=self.is_scale_untied, learnt_from=tuple(own))
+        ties = self.attributes.get("scale_of_J")
+        untied = ties is not None and all(tie.get("former") for tie in ties)
+        return replace(told, is_scale_untied=untied, learnt_from=tuple(own))
 
     @property
     def _normal_prior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -347,6 +349,7 @@ class Posterior:
         known: dict[str, Any] = {
             "includes_wheel_spin": self.attributes.get("includes_wheel_spin"),
             "learnt_from": [*slews.get("own", ()), *slews.get("former", ())],
+            "scale_of_J": self.attributes.get("scale_of_J", ()),
         }
         if not self.trusted:
             return GaussianPrior(names, *quoted, beyond_sd=beyond, **known)

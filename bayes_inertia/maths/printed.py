@@ -178,7 +178,7 @@ def shown_as[T: type](card: Callable[[Any], Card]) -> Callable[[T], T]:
 
 
 def parameter_lines(values: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """J and K in two lines.
+    """J and K in two lines, known logarithms in a third.
 
     `values`: {name: (mean, sd)}; an sd that is not finite is a dash.
 
@@ -191,9 +191,11 @@ def parameter_lines(values: Mapping[str, tuple[float, float]]) -> tuple[str, ...
     moments = {k: v for k, v in values.items() if k in diagonal}
     ratios = {k: v for k, v in values.items() if k.removesuffix("/trace") in diagonal}
     factors = {k: v for k, v in values.items() if k[0] == "K" and k[1:].isdigit()}
+    logarithms = {k: v for k, v in values.items() if k.startswith("log ")}
+    without_unit = ({} if moments else ratios, factors, logarithms)
     return tuple(
         ", ".join(f"{name} {_with_sd(*value)}" for name, value in part.items()) + unit
-        for part, unit in ((moments, " kg m²"), ({} if moments else ratios, ""), (factors, ""))
+        for part, unit in ((moments, " kg m²"), *((part, "") for part in without_unit))
         if part
     )
 

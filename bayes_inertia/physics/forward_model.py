@@ -108,6 +108,7 @@ class Model:
     data: Data = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        require_kind(self.campaign, Campaign, "campaign", "give what `read_campaign` returns")
         campaign = self.campaign.without_locked_wheels()
         effects = tuple(effect.in_campaign(campaign) for effect in require_effects(self.effects))
         for effect in effects:

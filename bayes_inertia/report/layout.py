@@ -174,6 +174,9 @@ class Layout:
     # A change is told as one above this probability, and as a possible one above the other.
     certain_change: float = 0.95
     possible_change: float = 0.2
+    # A change of J by more than this share of the mean moment may be another spacecraft: it is
+    # three times the largest jump that is weighed.
+    another_body: float = 0.1
     most_dates: int = 6  # of the ticks of a panel: more overlap
     change_told_sd: float = 3.0  # elements of a jump that are told are as far from no change
     sharper_by_sisters: float = 1.1  # sisters that make nothing so much sharper are worth no word

@@ -108,8 +108,10 @@ def plot_telemetry(slew: Slew, channel: str = "rate", *, ax: Axes | None = None)
     values = (slew.more or {}).get(channel)
     values = getattr(slew, channel, None) if values is None else values
     if not isinstance(values, np.ndarray) or values.ndim != 2:
-        what = f"slew {slew.name} has no {channel}"
-        raise SettingsError(what, where="channel", advice="print the slew")
+        there = {k: getattr(slew, k, None) for k in words} | dict(slew.more or {})
+        drawn = [k for k, x in there.items() if isinstance(x, np.ndarray) and x.ndim == 2]
+        what, advice = f"{slew.name} has no {channel}", f"choose one of {', '.join(drawn)}"
+        raise SettingsError(what, where="channel", advice=advice)
     assert ax is not None
     mark = "." if np.isnan(values).any() else ""
     for i, component in enumerate(values.T):

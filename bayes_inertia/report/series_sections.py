@@ -45,19 +45,25 @@ def history_table(history: History) -> Table:
 
 def series_notes(series: History | Fleet) -> tuple[str, ...]:
     """What must be known of the numbers."""
-    return tuple(sentences("plans", "series_notes", series.is_scale_untied, series.left_out))
+    change = 0.0
+    if isinstance(series, History):
+        moments = series.mean[:, :3]
+        change = float(np.ptp(moments, axis=0).max() / moments.mean())
+    untied, left_out = series.is_scale_untied, series.left_out
+    return tuple(sentences("plans", "series_notes", untied, left_out, change))
 
 
 def history_sections(history: History) -> list[Section]:
     """The page of `history`, the answer first."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
+    changes = LAYOUT.certain_change
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     jumps = (phrase("plans", "jump", history, jump) for jump in possible)
     result = history_table(history).section(
         "Result",
         captioned("history", draw_history(history)),
         sentence=history_answer(history),
-        level="caution" if possible else "good",
+        level="caution" if possible or max(history.changed.values()) > changes else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
         notes=(*jumps, *series_notes(history)),
     )

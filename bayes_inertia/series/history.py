@@ -166,6 +166,8 @@ class History:
         The most probable first; improbable ones are among them.
     wanders : dict of str to float
         Probability that J, and that K, changes a little from each campaign to the next.
+    changed : dict of str to float
+        Probability that J, and that K, changes at all: at once, or from each campaign to the next.
     is_scale_untied : bool
         Whether no campaign ties the size of J.
     left_out : tuple of str
@@ -181,6 +183,7 @@ class History:
     alone_sd: np.ndarray
     jumps: tuple[SeenJump, ...]
     wanders: dict[Part, float]
+    changed: dict[Part, float]
     is_scale_untied: bool = False
     left_out: tuple[str, ...] = ()
     time: np.ndarray | None = None
@@ -349,16 +352,24 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
         for after, part in product(range(len(series) - 1), may_change)
     ]
     names = tuple(campaign.campaign for campaign in series)
-    walks = {
-        part: ways.probability_of(getattr(h, f"walk_{part}") > 0.0 for h in ways.hypotheses)
-        for part in may_change
-    }
+
+    def walks(hypothesis: ChangeHypothesis, part: Part) -> bool:
+        return getattr(hypothesis, f"walk_{part}") > 0.0
+
+    def changes_at_all(hypothesis: ChangeHypothesis, part: Part) -> bool:
+        return walks(hypothesis, part) or any(jump.part == part for jump in hypothesis.jumps)
+
+    wanders, changed = (
+        {part: ways.probability_of(of(h, part) for h in ways.hypotheses) for part in may_change}
+        for of in (walks, changes_at_all)
+    )
     likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
     # The prior of an update is a former posterior, which no campaign alone tells.
     stated = first_stated_prior(series)
     alone, alone_sd = means_and_sds([campaign.with_prior_of(stated) for campaign in series])
     untied = all(campaign.is_scale_untied for campaign in series)
-    return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks, untied)
+    told = alone, alone_sd, likely, wanders, changed, untied
+    return History(names, mean, np.sqrt(spread), *told)
 
 
 def _seen_jump(

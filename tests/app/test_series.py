@@ -61,6 +61,25 @@ def test_history_dates_a_change_and_says_what_it_leaves_out(runs, tmp_path, caps
     assert "must not be used: refused" in page
 
 
+@pytest.mark.parametrize(("share", "another"), [(0.01, False), (0.2, True)])
+def test_history_of_two_campaigns_says_that_something_changed(share, another, tmp_path, capsys):
+    """One step: nothing tells a jump from a wander, and that J changed is certain."""
+    rng, folders = np.random.default_rng(9), [tmp_path / name for name in "ab"]
+    changed = PRIOR_MEAN * np.where(np.arange(9) == 2, 1.0 + share, 1.0)
+    for folder, truth in zip(folders, (PRIOR_MEAN, changed), strict=True):
+        folder.mkdir()
+        told = campaign_of(truth, rng, folder.name).json()
+        write_json(folder / "summary.json", sealed({"campaign": "x", "likelihood": told}))
+    assert call("history", *folders, "-o", tmp_path / "history") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "no change" not in printed
+    assert "wanders from campaign to campaign" not in printed
+    assert printed.startswith("J changed") or "J changed between a and b" in printed
+    content = json.loads((tmp_path / "history" / "history.json").read_text())
+    assert content["changed"]["J"] > 0.99 > content["changed"]["K"]
+    assert ("check that all campaigns are of one spacecraft" in printed) == another
+
+
 def test_python_asks_as_the_command_does(runs, tmp_path, capsys):
     out, days = tmp_path / "history", pd.date_range("2026-01-01", periods=5, freq="30D")
     assert call("history", *runs, "-o", out) == 0
@@ -191,7 +210,7 @@ def test_campaigns_of_one_spacecraft_that_disagree_are_said(moved, tmp_path, cap
         for c in range(2)
     }
     fits = fits_in(tmp_path / "fits", told)
-    assert call("fleet", fits, "-o", tmp_path / "fleet") == 0
+    assert call("fleet", fits, "-o", tmp_path / "fleet") == (3 if moved else 0)
     said = "campaigns of craft_1 disagree by more than their sds"
     assert (said in " ".join(capsys.readouterr().out.split())) == (moved > 0.0)
     assert (said in (tmp_path / "fleet" / "fleet.html").read_text()) == (moved > 0.0)

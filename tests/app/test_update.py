@@ -34,7 +34,8 @@ def test_a_run_without_a_prior_is_refused_before_any_work(command, folders, tmp_
     former = {"update": [tmp_path / "run", folders["b"]], "fit": [folders["b"]]}[command]
     options = ["--prior", tmp_path / "run"] if command == "fit" else []
     assert run(command, *former, "-o", tmp_path / "out", *options) == 2
-    assert "summary.json" in capsys.readouterr().err
+    said = "run: no finished fit is here; give the folder of a finished run"
+    assert said in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
 
 

@@ -266,3 +266,8 @@ def test_a_prior_that_no_body_can_meet_is_refused_by_its_own_name():
 def test_sds_of_scale_factors_without_their_medians_are_refused():
     with pytest.raises(bi.CampaignError, match=r"prior\.scale_factors_sd: there are no scale_fac"):
         bi.GaussianPrior.of_principal_moments([3.3, 2.2, 1.6], 0.05, 2.0, scale_factors_sd=1e-4)
+
+
+def test_a_prior_prints_the_logarithms_that_it_holds():
+    prior = bi.GaussianPrior.of_principal_moments([3.3, 2.2, 1.6], 0.05, 2.0)
+    assert "log Jxx 1.193 ± 0.050, log Jyy 0.789 ± 0.050" in repr(prior)

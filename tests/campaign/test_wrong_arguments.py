@@ -11,6 +11,7 @@ import pytest
 import bayes_inertia as bi
 from bayes_inertia.campaign.reader import campaign_of
 from bayes_inertia.campaign.writer import content_of
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.physics.small_campaign import small_campaign
 
 TIME, RATE = np.arange(3.0), np.zeros((3, 3))
@@ -52,6 +53,11 @@ LOST = {"wheel_torque": RATE, "lost_command": [0, 1, 0]}
         (lambda: bi.GaussianPrior("Jxx", [1.0], [[1.0]]), "prior.names: a str is no list"),
         (lambda: bi.GaussianPrior(["Jqq"], [1.0], [[1.0]]), "'Jqq'.* is no element of J"),
         (lambda: bi.GaussianPrior(["Jxx"], [1.0], [[1.0]], logarithmic=True), "a bool is no list"),
+        (
+            lambda: bi.GaussianPrior(["Jxy"], [1.0], [[1.0]], logarithmic=["Jxy"]),
+            "prior.logarithmic: a product may be negative; name moments",
+        ),
+        (lambda: bi.Model("campaign"), "campaign: a str is no Campaign; give what `read_campaign`"),
         (lambda: bi.GaussianPrior(["Jxx"], None, [[1.0]]), "prior: 1 names do not fit"),
         (lambda: bi.GaussianPrior(["Jxx"], [1.0], None), "prior: 1 names do not fit"),
         (lambda: bi.Wheel("x", (1, 0, 0), 1e-3, state=np.ones(2)), "wheels.x.state: .* is unknown"),
@@ -195,3 +201,21 @@ def test_a_wheel_that_spins_freely_has_no_commands():
     slews = [replace(s, wheel_torque=s.wheel_torque * [0.0, 1.0, 1.0]) for s in small.slews]
     description, tables = content_of(replace(free, slews=slews))
     assert campaign_of(description, "campaign.toml", tables).wheels == free.wheels
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (
+            lambda: bi.plot_telemetry(small_campaign().slews[0], "rates"),
+            "channel: slew 1 has no rates; choose one of rate, attitude",
+        ),
+        (
+            lambda: bi.simulate(bi.paper_like_plan(), most_like_mission(), "s", 0, hidden="x"),
+            "hidden: a str is no list; give a tuple",
+        ),
+    ],
+)
+def test_a_wrong_name_is_told_with_the_right_ones(make, says):
+    with pytest.raises(bi.BayesInertiaError, match=says):
+        make()

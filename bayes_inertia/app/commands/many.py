@@ -268,6 +268,8 @@ def fleet_command(
 
     told = fleet_answer(fleet), fleet_table(fleet), series_notes(fleet), FLEET, out
     show_result(out / FLEET[0], as_json, open_page, _show, *told)
+    if fleet.disagree:
+        raise typer.Exit(3)
 
 
 def _show(

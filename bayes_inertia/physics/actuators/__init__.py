@@ -58,7 +58,8 @@ def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
     """What ties the absolute size of J: whatever momentum or torque of stated size turns the body.
 
     Returns: of each device its name, by what it does so, and the relative prior sd of that, 0 where
-    it is taken as exact. Empty where nothing does: only ratios of J are known then.
+    it is taken as exact; `former` of what did so in a former result, taken as prior. Empty where
+    nothing does: only ratios of J are known then.
 
     Examples
     --------
@@ -67,8 +68,11 @@ def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
     [{'device': 'wheels', 'by': 'momentum', 'relative_sd': 0.0}]
     """
     wheels = [{"device": "wheels", "by": "momentum", "relative_sd": 0.0}]
-    return (wheels if campaign.wheels else []) + [
+    own = (wheels if campaign.wheels else []) + [
         {"device": e.name, "by": e.by, "relative_sd": e.record.gain_sigma}
         for e in effects_of(campaign)
         if isinstance(e, DeviceEffect)
     ]
+    former = () if campaign.prior is None else campaign.prior.scale_of_J
+    known = {tie["device"] for tie in own}
+    return own + [{**tie, "former": True} for tie in former if tie["device"] not in known]

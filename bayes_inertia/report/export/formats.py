@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
+from typing import Any
 from unicodedata import combining, normalize
 
 import numpy as np
@@ -138,7 +139,7 @@ def json_text(result: ExportedResult) -> str:
             p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
         },
         "covariance": result.covariance,
-        "learnt_from": result.learnt_from,
+        **picked(result, "learnt_from", "scale_of_J"),
         "correction_slew_rad": result.correction,
     }
     return json.dumps(json_ready(content), indent=1, allow_nan=False) + "\n"
@@ -214,6 +215,8 @@ class ExportedResult:
     begin_utc: str | None = None  # when the first slew began, a date in UTC; None if not known
     # `Slew.digest` of all slews that it was learnt from: as a prior it is refused where they are.
     learnt_from: tuple[str, ...] = ()
+    # What ties the absolute size of J, as `GaussianPrior.scale_of_J`.
+    scale_of_J: tuple[Mapping[str, Any], ...] = ()
     spacecraft: str = ""  # its name and who operates it, where the campaign states them
     operator: str = ""
 
