@@ -86,6 +86,9 @@ class GaussianPrior:
     learnt_from : tuple of str, optional
         `Slew.digest` of the slews that a former result knows it from: no campaign that holds one of
         them takes it, since its telemetry would count twice.
+    scale_of_J : tuple of mappings, optional
+        What tied the absolute size of J in a former result: `device`, `by` and `relative_sd` of
+        each. A campaign with this prior has its size from there too.
 
     Raises
     ------

@@ -7,8 +7,8 @@ along with the residuals, which hold the same noise, and effects are found that 
 
 The rate read at the same time tells what of a residual is the input's: its conditional mean. That
 is taken out of the input and put on the readings, so that the residuals and their noise stay what
-they were, while what effects do no longer depends on them. The slow part of the noise is among
-the nuisances already.
+they were, while what effects do no longer depends on them. What of the noise moves the attitude is
+among the nuisances already.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.physics.actuators.gimballed_rotors import turning
 from bayes_inertia.physics.channels.rate import RateChannel
-from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.integration_plan import shapes_of_input_noise
 from bayes_inertia.physics.slew_input import Drive
 
 
@@ -144,9 +144,11 @@ def _moved(
     estimate: Estimate, s: int, series: dict[str, list[np.ndarray]], inputs: tuple[NoisyInput, ...]
 ) -> Slew:
     """A slew with the noise of its inputs on its readings."""
-    slew = estimate.model.campaign.slews[s]
+    model = estimate.model
+    slew = model.campaign.slews[s]
     counts = [len(each.readings(slew)[0]) for each in inputs]
-    if min(counts) <= NUMERICS.tachometer_modes:
+    shapes = shapes_of_input_noise(model.campaign, model.structure.drive)[s]
+    if min(counts) <= len(shapes):
         return slew
     channels = (c for c in estimate.model.channels if isinstance(c, RateChannel))
     seen = [
@@ -157,7 +159,7 @@ def _moved(
     sigma = [np.repeat(each.sigma, m) for each, m in zip(inputs, counts, strict=True)]
     ends = np.cumsum([len(of_input) for of_input in sigma])[:-1]
     mean = np.split(_conditional_mean(seen, np.concatenate(sigma)), ends)
-    errors = [_fast(x.reshape(-1, m)) for x, m in zip(mean, counts, strict=True)]
+    errors = [_others(x.reshape(-1, m), shapes) for x, m in zip(mean, counts, strict=True)]
     for each, error in zip(inputs, errors, strict=True):
         slew = each.less(slew, error.T)
     every = np.concatenate([error.ravel() for error in errors])
@@ -207,8 +209,8 @@ def _conditional_mean(seen: Sequence[_Seen], sigma: np.ndarray) -> np.ndarray:
     return np.asarray(spsolve(sparse.csc_array(precision), pull))
 
 
-def _fast(error: np.ndarray) -> np.ndarray:
-    """Noise (k, m) without the slow shapes that are among the nuisances."""
+def _others(error: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Noise (k, m) without the shapes that are among the nuisances."""
     shapes = fft.dct(error, axis=1, norm="ortho")
-    shapes[:, : NUMERICS.tachometer_modes] = 0.0
+    shapes[:, numbers[numbers < error.shape[1]]] = 0.0
     return fft.idct(shapes, axis=1, norm="ortho")

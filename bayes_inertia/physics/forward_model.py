@@ -41,8 +41,11 @@ from bayes_inertia.physics.effect import (
     require_rule,
 )
 from bayes_inertia.physics.effects.lost_commands import LostCommands
-from bayes_inertia.physics.integration_plan import integration_plan, stored_at_most
-from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.integration_plan import (
+    integration_plan,
+    shapes_of_input_noise,
+    stored_at_most,
+)
 from bayes_inertia.physics.packing import Arrays, Data, NuisanceScale, pack
 from bayes_inertia.physics.parameters import (
     LogNormal,
@@ -123,9 +126,11 @@ class Model:
         _check(campaign, (*devices, *effects), drive)
         _check_noise(campaign, drive, self.noise)
         space = _space(campaign, channels_of(campaign, drive), (*devices, *effects), self.noise)
-        acting = _acting(campaign, (*devices, *effects), drive)
+        shapes = shapes_of_input_noise(campaign, drive)
+        acting = _acting(campaign, (*devices, *effects), drive, shapes)
         free = free_momentum(campaign) if drive == "measured" else None
-        structure = _structure(campaign, acting, drive, space, free)
+        modes = shapes if drive == "measured" else shapes[:, :0]
+        structure = _structure(campaign, acting, drive, space, free, modes.shape[1])
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
         if free is not None:  # its knots are where they are
@@ -134,7 +139,7 @@ class Model:
             campaign,
             structure.channels,
             max_step=plan.spacing,
-            modes=NUMERICS.tachometer_modes if drive == "measured" else 0,
+            modes=modes,
             free=free,
             rows_per_step=plan.rows_per_step,
             inputs=sorted({name for effect in structure.effects for name in effect.inputs}),
@@ -386,6 +391,7 @@ def _structure(
     drive: Drive,
     space: ParameterSpace,
     free: FreeMomentum | None,
+    modes: int,
 ) -> Structure:
     layout = tuple(
         (owner, p.name, len(p.components) if p.components else None)
@@ -394,7 +400,6 @@ def _structure(
     )
     # Compiled code does not depend on how wide priors are.
     free_momenta = 0 if free is None else free.columns
-    modes = free_momenta + (NUMERICS.tachometer_modes if drive == "measured" else 0)
     effects = tuple(e if e.prior_scale == 1.0 else replace(e, prior_scale=1.0) for e in effects)
     return Structure(
         effects,
@@ -402,7 +407,7 @@ def _structure(
         layout,
         campaign.inertia.includes_wheel_spin,
         len(campaign.wheels),
-        modes=modes,
+        modes=free_momenta + modes,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
         channels=channels_of(campaign, drive),
@@ -410,9 +415,11 @@ def _structure(
     )
 
 
-def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tuple[Effect, ...]:
+def _acting(
+    campaign: Campaign, effects: tuple[Effect, ...], drive: Drive, shapes: np.ndarray
+) -> tuple[Effect, ...]:
     """The effects, stated noise that wanders, and lost commands where commands drive the model."""
-    effects = (*effects, *noise_of_inputs(campaign), *stated_noise(campaign, effects))
+    effects = (*effects, *noise_of_inputs(campaign, shapes), *stated_noise(campaign, effects))
     lost = drive == "commanded" and any(s.lost_command is not None for s in campaign.slews)
     return (*effects, LostCommands()) if lost else effects
 

@@ -18,7 +18,7 @@ from bayes_inertia.campaign.body_rates import rows_read, turning
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker, Wheel
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum
+from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum, momentum_noise
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import bridged, longest_step, on_grid, refined_grid
@@ -109,20 +109,14 @@ def motion_scales(campaign: Campaign) -> MotionScales:
     >>> round(motion_scales(small_campaign()).turn, 1)
     1.1
     """
-    axes = campaign.wheel_axes_B
-    tensor = campaign.inertia.tensor
-    moments = np.linalg.eigvalsh(tensor)
+    moments = np.linalg.eigvalsh(campaign.inertia.tensor)
     rate, momentum, turn = 0.0, 0.0, 0.0
     seen, noise = campaign.body_rates
     # Smoothed rates may be too small.
     doubt = 0.0 if seen is campaign else np.sqrt(3.0) * noise
     for slew in seen.slews:
-        rows, rate_B = turning(seen, slew)
-        if len(rows):
-            stored_B = rate_B @ tensor + carried_momentum(campaign, slew, slew.time[rows])
-            if campaign.wheels and slew.wheel_momentum is not None:
-                columns = (bridged(slew.time[rows], slew.time, h) for h in slew.wheel_momentum.T)
-                stored_B = stored_B + np.stack([*columns], axis=-1) @ axes.T
+        rate_B, stored_B = _rates_and_momentum(campaign, seen, slew)
+        if len(rate_B):
             rate = max(rate, _largest(rate_B) + doubt)
             momentum = max(momentum, _largest(stored_B))
             turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(rate_B, axis=1))))
@@ -132,6 +126,61 @@ def motion_scales(campaign: Campaign) -> MotionScales:
         momentum += float(np.linalg.norm(limits))
     nutation = momentum / float(np.sqrt(moments[0] * moments[1]))
     return MotionScales(rate + nutation, turn)
+
+
+def _rates_and_momentum(
+    campaign: Campaign, seen: Campaign, slew: Slew
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates and total momentum (n, 3) of a slew, body axes, as far as they are read."""
+    rows, rate_B = turning(seen, slew)
+    if not len(rows):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    times = slew.time[rows]
+    stored_B = rate_B @ campaign.inertia.tensor + carried_momentum(campaign, slew, times)
+    if campaign.wheels and slew.wheel_momentum is not None:
+        columns = (bridged(times, slew.time, h) for h in slew.wheel_momentum.T)
+        stored_B = stored_B + np.stack([*columns], axis=-1) @ campaign.wheel_axes_B.T
+    return rate_B, stored_B
+
+
+def shapes_of_input_noise(campaign: Campaign, drive: Drive) -> np.ndarray:
+    """Noise of tachometers and gimbal angles that moves the attitude: half periods in a slew.
+
+    Slow noise adds up in the attitude, and so does noise at the frequency of the body's nutation
+    about its momentum M, which lies between M / sqrt(J2 J3) and M / sqrt(J1 J2): a resonance.
+
+    Returns (slews, shapes) of int.
+
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> shapes_of_input_noise(small_campaign(), "measured")[0].tolist()
+    [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    """
+    margin, most = NUMERICS.width_of_nutation, NUMERICS.most_input_modes
+    slow = int(np.clip(_slow_shapes(campaign, drive), NUMERICS.input_modes, most))
+    J1, J2, J3 = np.linalg.eigvalsh(campaign.inertia.tensor)
+    seen, bands = campaign.with_body_rates, []
+    for slew in seen.slews:
+        momentum = np.linalg.norm(_rates_and_momentum(campaign, seen, slew)[1], axis=1)
+        turns = float(np.median(momentum)) * slew.duration / np.pi if len(momentum) else 0.0
+        first, last = turns / np.sqrt(J2 * J3) - margin, turns / np.sqrt(J1 * J2) + margin
+        bands.append((max(slow, int(first)), max(slow, 1 + int(np.ceil(last)))))
+    width = min(max(last - first for first, last in bands), most)
+    starts = [max(slow, (first + last - width) // 2) for first, last in bands]
+    of_nutation = np.array(starts)[:, None] + np.arange(width)
+    return np.concatenate([np.tile(np.arange(slow), (len(bands), 1)), of_nutation], axis=1)
+
+
+def _slow_shapes(campaign: Campaign, drive: Drive) -> float:
+    """How many slow shapes leave an angle that the noise of a fix hides.
+
+    White noise of rates, beyond n shapes, makes an angle of variance rate^2 step T / (pi^2 n).
+    """
+    trackers = (s for s in campaign.sensors.values() if isinstance(s, StarTracker))
+    finest = min((tracker.sigma_cross for tracker in trackers), default=np.inf)
+    inverse = np.linalg.inv(campaign.inertia.tensor)
+    rates = float(np.linalg.norm(inverse @ momentum_noise(campaign, drive) @ inverse, 2))
+    longest = max(slew.duration**2 / max(1, len(slew.time) - 1) for slew in campaign.slews)
+    return rates * longest / (np.pi * NUMERICS.unseen_angle * finest) ** 2
 
 
 def stored_at_most(wheel: Wheel, usual: float, *, read: bool = False) -> float:

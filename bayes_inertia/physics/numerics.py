@@ -32,11 +32,14 @@ class Numerics:
     formula_turn: float = 20.0  # times the star tracker's sigma_cross, as its shift
     formula_field: float = 3e-5  # [T], of the Earth in a low orbit
 
-    # `forward_model.py`
-    # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
-    tachometer_modes: int = 12
-
     # `integration_plan.py`
+    # Slow shapes of the noise of tachometers and gimbal angles that move the attitude, at least: as
+    # many as leave an angle below this share of a fix's noise. So do shapes near the nutation, with
+    # so many beyond each end. At most so many of both; the rest acts only on its own sample.
+    input_modes: int = 12
+    unseen_angle: float = 0.4
+    width_of_nutation: float = 3.0
+    most_input_modes: int = 64
     # [rad/s] of wheels whose limit nobody states: 6000 revolutions a minute is usual, 9500 much.
     fastest_rotor: float = 1e3
     # Largest error of what a sensor is predicted to read, as a share of its noise.

@@ -126,7 +126,7 @@ def pack(
     channels: Sequence[Channel],
     *,
     max_step: float | None = None,
-    modes: int = 0,
+    modes: np.ndarray | None = None,
     rows_per_step: int = 1,
     inputs: Collection[str] = (),
     free: FreeMomentum | None = None,
@@ -134,11 +134,11 @@ def pack(
     """The campaign as stacked, padded arrays.
 
     `max_step`: longest step of the grid [s]; by default what resolves the fastest rotation.
-    `modes`: number of slow tachometer-noise shapes a wheel (measured drive). `rows_per_step`: grid
-    points that one integration step spans; the grid is padded to a multiple of it. `inputs`: names
-    of the inputs that effects ask for; the grid has a point wherever one of them jumps or bends.
-    `free`: what is free of the momentum between readings of slow tachometers; its shapes come after
-    those of the noise.
+    `modes` (slews, shapes): half periods of the shapes of tachometer noise (measured drive).
+    `rows_per_step`: grid points that one integration step spans; the grid is padded to a multiple
+    of it. `inputs`: names of the inputs that effects ask for; the grid has a point wherever one of
+    them jumps or bends. `free`: what is free of the momentum between readings of slow tachometers;
+    its shapes come after those of the noise.
 
     Examples
     --------
@@ -154,14 +154,15 @@ def pack(
     n_grid = _next_multiple(max(len(g) for g, _ in grids), multiple)
     n_rows = _next_multiple(max(len(s.time) for s in campaign.slews), multiple)
     slews = [_slew_input(campaign, i, *grid, n_grid, inputs) for i, grid in enumerate(grids)]
-    pairs = zip(campaign.slews, grids, strict=True)
-    shapes = [_tachometer_modes(s, len(grid), modes) for s, (grid, _) in pairs]
+    modes = np.zeros((len(grids), 0), int) if modes is None else modes
+    triples = zip(campaign.slews, grids, modes, strict=True)
+    shapes = [_tachometer_modes(s, len(grid), own) for s, (grid, _), own in triples]
     if free is not None:
         for i, slew in enumerate(campaign.slews):
             momentum, of_knots = free.on_grid(slew, grids[i][0])
             slews[i] = slews[i]._replace(momentum=repeated(momentum, n_grid, 0))
             # White noise of few readings has no more shapes than these.
-            told = np.arange(modes) < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
+            told = modes[i] < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
             shapes[i] = np.concatenate([shapes[i] * told, of_knots], axis=1)
     readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
     shapes = [repeated(shape, n_grid, 0) for shape in shapes]
@@ -303,14 +304,14 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
     ]
 
 
-def _tachometer_modes(slew: Slew, n: int, modes: int) -> np.ndarray:
-    """Orthonormal shapes (n, modes) of slow noise on the grid."""
+def _tachometer_modes(slew: Slew, n: int, modes: np.ndarray) -> np.ndarray:
+    """Orthonormal shapes (n, modes) of noise on the grid, of so many half periods each."""
     # The mean of few readings errs most: the wheel that is read least decides.
     given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).sum(axis=0)
     read = max(1, int(np.min(given, initial=len(slew.time))))
     fraction = (np.arange(n) + 0.5) / n
-    shapes = np.cos(np.pi * np.arange(modes) * fraction[:, None])
-    return shapes * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0)) / np.sqrt(read)
+    shapes = np.cos(np.pi * modes * fraction[:, None])
+    return shapes * np.where(modes == 0, 1.0, np.sqrt(2.0)) / np.sqrt(read)
 
 
 def _reference(campaign: Campaign, channels: Sequence[Channel], slew: Slew) -> Start:

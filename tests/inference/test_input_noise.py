@@ -7,11 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import bayes_inertia as bi
 from bayes_inertia.diagnosis.linear_system import linear_model
+from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.physics import integration_plan
 from bayes_inertia.physics.effects import RateSensorDelay
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.integration_plan import shapes_of_input_noise
+from bayes_inertia.physics.small_campaign import small_campaign
 
 SEED = 5
 GENTLE = ((0.12, 0.02, 0.0), (0.0, 0.14, 0.04), (0.02, -0.04, 0.16))  # turns [rad]
@@ -80,3 +87,43 @@ def test_noise_is_taken_out_once(fits):
 def test_exact_inputs_are_left_alone(fits):
     exact = Model(fits[0].model.campaign, (), "commanded")
     assert with_likely_inputs(replace(fits[0], model=exact)).model is exact
+
+
+def of_a_gyrostat(sigma: float) -> bi.Campaign:
+    """Slews beside twenty times as much momentum in the wheels, and nothing but tachometers."""
+    mission, plan = most_like_mission(), replace(paper_like_plan(), wheel_momentum=(1.0, -0.7, 0.8))
+    wheels = tuple(
+        replace(wheel, max_momentum=None, momentum_sigma=sigma)
+        for wheel in mission.spacecraft.wheels
+    )
+    mission = replace(mission, spacecraft=replace(mission.spacecraft, wheels=wheels))
+    campaign = fly(plan, mission, 3).campaign
+    slews = tuple(replace(slew, wheel_torque=None) for slew in campaign.slews)
+    return replace(campaign, slews=slews)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of_nutation", [True, False])
+def test_noise_at_the_nutation_adds_up_in_the_attitude(monkeypatch, of_nutation):
+    """Without its shapes the model misses the rates: the body rings at that frequency."""
+    if not of_nutation:
+        limits = replace(integration_plan.NUMERICS, width_of_nutation=-1e6)
+        monkeypatch.setattr(integration_plan, "NUMERICS", limits)
+    campaign = of_a_gyrostat(3e-5)
+    tests = bi.estimate(bi.Model(campaign), starts=1).tests
+    assert tests["rate"].too_large != of_nutation
+
+
+def test_shapes_follow_the_nutation_and_the_noise_of_a_fix():
+    usual = shapes_of_input_noise(small_campaign(), "measured")
+    campaign = of_a_gyrostat(1e-6)
+    J1, J2, J3 = np.linalg.eigvalsh(campaign.inertia.tensor)
+    shapes = shapes_of_input_noise(campaign, "measured")
+    assert usual.tolist() == [list(range(12))] * len(usual)
+    for slew, numbers in zip(campaign.slews, shapes.tolist(), strict=True):
+        M = np.linalg.norm(slew.wheel_momentum[0])
+        slowest, fastest = (M / np.sqrt(x) * slew.duration / np.pi for x in (J2 * J3, J1 * J2))
+        assert {*range(12), *range(round(slowest), round(fastest) + 1)} <= {*numbers}
+    noisy = [replace(wheel, momentum_sigma=1e-4) for wheel in campaign.wheels]
+    more = shapes_of_input_noise(replace(campaign, wheels=tuple(noisy)), "measured")
+    assert more.shape[1] > shapes.shape[1]

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.actuators.device import (
@@ -47,11 +49,15 @@ def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
     return (*devices, *changes)
 
 
-def noise_of_inputs(campaign: Campaign) -> tuple[StochasticEffect, ...]:
-    """The slow part of the noise that inputs of devices have, integrated out at its stated size."""
+def noise_of_inputs(campaign: Campaign, shapes: np.ndarray) -> tuple[StochasticEffect, ...]:
+    """What of the noise of devices' inputs moves the attitude, integrated out at its stated size.
+
+    `shapes` (slews, n): half periods of the shapes that it has.
+    """
     noisy = [d for d in campaign.actuators if isinstance(d, GimballedRotors) and d.angle_sigma]
     counts = (tuple(len((s.inputs or {})[d.name].time) for s in campaign.slews) for d in noisy)
-    return tuple(map(GimbalAngleNoise, noisy, counts))
+    numbers = tuple(map(tuple, shapes.tolist()))
+    return tuple(GimbalAngleNoise(d, n, numbers) for d, n in zip(noisy, counts, strict=True))
 
 
 def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:

@@ -13,8 +13,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths.linear_algebra import fused_product
 from bayes_inertia.physics.actuators.device import DeviceEffect
-from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.random_basis import independent, slew_fraction
+from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -34,7 +34,7 @@ class RotorMomentum(DeviceEffect):
 
 @dataclass(frozen=True)
 class GimbalAngleNoise(StochasticEffect):
-    """The slow part of the noise of the gimbal angles, an input: it moves the attitude.
+    """What of the noise of the gimbal angles, an input, moves the attitude.
 
     Parameters
     ----------
@@ -42,10 +42,13 @@ class GimbalAngleNoise(StochasticEffect):
         Whose angles they are, with their noise.
     readings : tuple of int
         How many each slew has.
+    shapes : tuple of tuple of int
+        Half periods in each slew of the shapes that it has.
     """
 
     record: GimballedRotors
     readings: tuple[int, ...]
+    shapes: tuple[tuple[int, ...], ...]
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -58,7 +61,7 @@ class GimbalAngleNoise(StochasticEffect):
         return (self.record.name,)
 
     def coefficient_count(self, campaign):
-        return self.record.columns * min(NUMERICS.tachometer_modes, max(self.readings))
+        return self.record.columns * min(len(self.shapes[0]), max(self.readings))
 
     def coefficient_root(self, p, slew, count):
         readings = jnp.asarray(self.readings, float)[slew.index]
@@ -66,7 +69,7 @@ class GimbalAngleNoise(StochasticEffect):
 
     def carried_momentum(self, p, slew, t, inputs):
         size = p["coefficients"].reshape(self.record.columns, -1)
-        mode = jnp.arange(size.shape[1])
+        mode = jnp.asarray(self.shapes)[slew.index, : size.shape[1]]
         shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
         _, turned = _directions(self.record, inputs[self.record.name], jnp)
         return -fused_product(turned.T, self.record.momentum * fused_product(size, shape))
@@ -96,9 +99,15 @@ def carried_momentum(campaign: Campaign, slew: Slew, times: np.ndarray) -> np.nd
     return total
 
 
-def momentum_noise(campaign: Campaign) -> np.ndarray:
-    """Covariance (3, 3) of the carried momentum that the noise of one reading makes [(N m s)^2]."""
+def momentum_noise(campaign: Campaign, drive: Drive) -> np.ndarray:
+    """Covariance (3, 3) of the momentum that the noise of one reading makes [(N m s)^2].
+
+    Of gimbal angles, and of tachometers where these drive the model.
+    """
     total = np.zeros((3, 3))
+    if drive == "measured" and campaign.wheels:
+        root = campaign.wheel_axes_B * [w.momentum_sigma or 0.0 for w in campaign.wheels]
+        total = total + root @ root.T
     for device in campaign.actuators:
         if isinstance(device, GimballedRotors) and device.angle_sigma:
             angles = [(slew.inputs or {})[device.name].values for slew in campaign.slews]

@@ -132,10 +132,7 @@ class RateChannel(Channel):
         sensor = self.stream.hardware(campaign)
         if sensor is None:
             return np.eye(3)
-        momentum = momentum_noise(campaign)
-        if drive == "measured" and campaign.wheels:
-            root = campaign.wheel_axes_B * [w.momentum_sigma or 0.0 for w in campaign.wheels]
-            momentum = momentum + root @ root.T
+        momentum = momentum_noise(campaign, drive)
         covariance = np.diag(np.square(sensor.sigma))
         if not momentum.any():
             return covariance
