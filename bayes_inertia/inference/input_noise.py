@@ -147,7 +147,7 @@ def _moved(
     model = estimate.model
     slew = model.campaign.slews[s]
     counts = [len(each.readings(slew)[0]) for each in inputs]
-    shapes = shapes_of_input_noise(model.campaign, model.structure.drive)[s]
+    shapes = shapes_of_input_noise(model.campaign)[s]
     if min(counts) <= len(shapes):
         return slew
     channels = (c for c in estimate.model.channels if isinstance(c, RateChannel))

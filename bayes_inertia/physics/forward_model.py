@@ -126,7 +126,7 @@ class Model:
         _check(campaign, (*devices, *effects), drive)
         _check_noise(campaign, drive, self.noise)
         space = _space(campaign, channels_of(campaign, drive), (*devices, *effects), self.noise)
-        shapes = shapes_of_input_noise(campaign, drive)
+        shapes = shapes_of_input_noise(campaign)
         acting = _acting(campaign, (*devices, *effects), drive, shapes)
         free = free_momentum(campaign) if drive == "measured" else None
         modes = shapes if drive == "measured" else shapes[:, :0]

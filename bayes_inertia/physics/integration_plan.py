@@ -18,7 +18,7 @@ from bayes_inertia.campaign.body_rates import rows_read, turning
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker, Wheel
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum, momentum_noise
+from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import bridged, longest_step, on_grid, refined_grid
@@ -143,7 +143,7 @@ def _rates_and_momentum(
     return rate_B, stored_B
 
 
-def shapes_of_input_noise(campaign: Campaign, drive: Drive) -> np.ndarray:
+def shapes_of_input_noise(campaign: Campaign) -> np.ndarray:
     """Noise of tachometers and gimbal angles that moves the attitude: half periods in a slew.
 
     Slow noise adds up in the attitude, and so does noise at the frequency of the body's nutation
@@ -152,11 +152,10 @@ def shapes_of_input_noise(campaign: Campaign, drive: Drive) -> np.ndarray:
     Returns (slews, shapes) of int.
 
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> shapes_of_input_noise(small_campaign(), "measured")[0].tolist()
+    >>> shapes_of_input_noise(small_campaign())[0].tolist()
     [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
     """
-    margin, most = NUMERICS.width_of_nutation, NUMERICS.most_input_modes
-    slow = int(np.clip(_slow_shapes(campaign, drive), NUMERICS.input_modes, most))
+    slow, margin = NUMERICS.input_modes, NUMERICS.width_of_nutation
     J1, J2, J3 = np.linalg.eigvalsh(campaign.inertia.tensor)
     seen, bands = campaign.with_body_rates, []
     for slew in seen.slews:
@@ -164,23 +163,10 @@ def shapes_of_input_noise(campaign: Campaign, drive: Drive) -> np.ndarray:
         turns = float(np.median(momentum)) * slew.duration / np.pi if len(momentum) else 0.0
         first, last = turns / np.sqrt(J2 * J3) - margin, turns / np.sqrt(J1 * J2) + margin
         bands.append((max(slow, int(first)), max(slow, 1 + int(np.ceil(last)))))
-    width = min(max(last - first for first, last in bands), most)
+    width = min(max(last - first for first, last in bands), NUMERICS.most_input_modes)
     starts = [max(slow, (first + last - width) // 2) for first, last in bands]
     of_nutation = np.array(starts)[:, None] + np.arange(width)
     return np.concatenate([np.tile(np.arange(slow), (len(bands), 1)), of_nutation], axis=1)
-
-
-def _slow_shapes(campaign: Campaign, drive: Drive) -> float:
-    """How many slow shapes leave an angle that the noise of a fix hides.
-
-    White noise of rates, beyond n shapes, makes an angle of variance rate^2 step T / (pi^2 n).
-    """
-    trackers = (s for s in campaign.sensors.values() if isinstance(s, StarTracker))
-    finest = min((tracker.sigma_cross for tracker in trackers), default=np.inf)
-    inverse = np.linalg.inv(campaign.inertia.tensor)
-    rates = float(np.linalg.norm(inverse @ momentum_noise(campaign, drive) @ inverse, 2))
-    longest = max(slew.duration**2 / max(1, len(slew.time) - 1) for slew in campaign.slews)
-    return rates * longest / (np.pi * NUMERICS.unseen_angle * finest) ** 2
 
 
 def stored_at_most(wheel: Wheel, usual: float, *, read: bool = False) -> float:

@@ -33,11 +33,10 @@ class Numerics:
     formula_field: float = 3e-5  # [T], of the Earth in a low orbit
 
     # `integration_plan.py`
-    # Slow shapes of the noise of tachometers and gimbal angles that move the attitude, at least: as
-    # many as leave an angle below this share of a fix's noise. So do shapes near the nutation, with
-    # so many beyond each end. At most so many of both; the rest acts only on its own sample.
+    # Slow shapes of the noise of tachometers and gimbal angles that move the attitude. So do those
+    # near the nutation, with so many beyond each end of its frequencies, and no more than that; the
+    # rest acts only on its own sample.
     input_modes: int = 12
-    unseen_angle: float = 0.4
     width_of_nutation: float = 3.0
     most_input_modes: int = 64
     # [rad/s] of wheels whose limit nobody states: 6000 revolutions a minute is usual, 9500 much.

@@ -212,7 +212,7 @@ def test_noise_of_gimbal_angles_is_noise_of_an_input():
     np.testing.assert_allclose(momentum_noise(campaign, "commanded"), wanted, atol=1e-20)
     noisy = Model(campaign)
     exact = Model(replace(campaign, actuators=(replace(device, angle_sigma=0.0),)))
-    shapes = shapes_of_input_noise(campaign, "commanded").shape[1]
+    shapes = shapes_of_input_noise(campaign).shape[1]
     assert noisy.structure.n_local == exact.structure.n_local + shapes
     channel = noisy.channels[0]
     more = channel.noise(campaign, noisy.space.mean, "commanded") - channel.noise(
