@@ -117,8 +117,8 @@ class GaussianPrior:
 
     def __post_init__(self) -> None:
         key = "prior"
-        for field in ("names", "logarithmic", "learnt_from", "scale_of_J"):
-            kind = Mapping if field == "scale_of_J" else str
+        texts = dict.fromkeys(("names", "logarithmic", "learnt_from"), str)
+        for field, kind in {**texts, "scale_of_J": Mapping}.items():
             listed = members(getattr(self, field), kind, f"key {key}.{field}")
             object.__setattr__(self, field, listed)
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):

@@ -7,7 +7,7 @@ along with the residuals, which hold the same noise, and effects are found that 
 
 The rate read at the same time tells what of a residual is the input's: its conditional mean. That
 is taken out of the input and put on the readings, so that the residuals and their noise stay what
-they were, while what effects do no longer depends on them. What of the noise moves the attitude is
+they were, while what effects do no longer depends on them. What of the noise turns the body is
 among the nuisances already.
 """
 
@@ -122,7 +122,8 @@ def with_likely_inputs(estimate: Estimate) -> Estimate:
     if done or not inputs or model.structure.free_momenta:
         return estimate
     series = plain_series(estimate)
-    slews = tuple(_moved(estimate, s, series, inputs) for s in range(model.n_slews))
+    shapes = shapes_of_input_noise(model.campaign)
+    slews = tuple(_moved(estimate, s, series, inputs, own) for s, own in enumerate(shapes))
     moved = replace(model.campaign, slews=slews, has_likely_inputs=True)
     return replace(refitted(estimate, moved), starts=estimate.starts)
 
@@ -141,13 +142,15 @@ class _Seen(NamedTuple):
 
 
 def _moved(
-    estimate: Estimate, s: int, series: dict[str, list[np.ndarray]], inputs: tuple[NoisyInput, ...]
+    estimate: Estimate,
+    s: int,
+    series: dict[str, list[np.ndarray]],
+    inputs: tuple[NoisyInput, ...],
+    shapes: np.ndarray,
 ) -> Slew:
-    """A slew with the noise of its inputs on its readings."""
-    model = estimate.model
-    slew = model.campaign.slews[s]
+    """A slew with the noise of its inputs on its readings, but for `shapes` [half periods]."""
+    slew = estimate.model.campaign.slews[s]
     counts = [len(each.readings(slew)[0]) for each in inputs]
-    shapes = shapes_of_input_noise(model.campaign)[s]
     if min(counts) <= len(shapes):
         return slew
     channels = (c for c in estimate.model.channels if isinstance(c, RateChannel))

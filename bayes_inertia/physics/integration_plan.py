@@ -155,7 +155,7 @@ def shapes_of_input_noise(campaign: Campaign) -> np.ndarray:
     >>> shapes_of_input_noise(small_campaign())[0].tolist()
     [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
     """
-    slow, margin = NUMERICS.input_modes, NUMERICS.width_of_nutation
+    slow, margin = NUMERICS.slow_input_shapes, NUMERICS.nutation_margin
     J1, J2, J3 = np.linalg.eigvalsh(campaign.inertia.tensor)
     seen, bands = campaign.with_body_rates, []
     for slew in seen.slews:
@@ -163,7 +163,7 @@ def shapes_of_input_noise(campaign: Campaign) -> np.ndarray:
         turns = float(np.median(momentum)) * slew.duration / np.pi if len(momentum) else 0.0
         first, last = turns / np.sqrt(J2 * J3) - margin, turns / np.sqrt(J1 * J2) + margin
         bands.append((max(slow, int(first)), max(slow, 1 + int(np.ceil(last)))))
-    width = min(max(last - first for first, last in bands), NUMERICS.most_input_modes)
+    width = min(max(last - first for first, last in bands), NUMERICS.most_nutation_shapes)
     starts = [max(slow, (first + last - width) // 2) for first, last in bands]
     of_nutation = np.array(starts)[:, None] + np.arange(width)
     return np.concatenate([np.tile(np.arange(slow), (len(bands), 1)), of_nutation], axis=1)

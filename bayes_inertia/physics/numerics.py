@@ -33,12 +33,12 @@ class Numerics:
     formula_field: float = 3e-5  # [T], of the Earth in a low orbit
 
     # `integration_plan.py`
-    # Slow shapes of the noise of tachometers and gimbal angles that move the attitude. So do those
-    # near the nutation, with so many beyond each end of its frequencies, and no more than that; the
-    # rest acts only on its own sample.
-    input_modes: int = 12
-    width_of_nutation: float = 3.0
-    most_input_modes: int = 64
+    # Noise of tachometers and gimbal angles moves the attitude by its slow shapes and by those near
+    # the nutation: so many beyond each end of its frequencies, at most so many in all. The rest
+    # acts only on its own sample.
+    slow_input_shapes: int = 12
+    nutation_margin: float = 3.0
+    most_nutation_shapes: int = 64
     # [rad/s] of wheels whose limit nobody states: 6000 revolutions a minute is usual, 9500 much.
     fastest_rotor: float = 1e3
     # Largest error of what a sensor is predicted to read, as a share of its noise.

@@ -44,7 +44,7 @@ class Telemetry(NamedTuple):
     readings : tuple of Readings
         Of each channel of the model.
     tachometer_modes : (grid, modes) array
-        Orthonormal shapes of slow tachometer noise.
+        Orthonormal shapes of tachometer noise, slow ones and those near the nutation.
     """
 
     sample: Array

@@ -137,7 +137,7 @@ class Structure:
     wheels : int
         Number of wheels.
     modes : int
-        Number of slow tachometer-noise shapes a wheel (measured drive), and free momenta.
+        Number of shapes of tachometer noise a wheel (measured drive), and free momenta.
     refined : bool
         Whether the integration grid is finer than the telemetry's rows.
     coefficients : tuple of int, optional

@@ -23,7 +23,7 @@ class SlowError(NamedTuple):
     readings : (n, wheels) array
         Momentum as it was read, errors included [N m s].
     modes : (n, k) array
-        Shapes of the errors, all much slower than an integration step.
+        Shapes of the errors, none faster than the motion that an integration step follows.
     size : (wheels, k) array
         How much of each shape each wheel's readings contain [N m s].
     """

@@ -56,14 +56,14 @@ def series_notes(series: History | Fleet) -> tuple[str, ...]:
 def history_sections(history: History) -> list[Section]:
     """The page of `history`, the answer first."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
-    changes = LAYOUT.certain_change
+    changed = max(history.changed.values()) > LAYOUT.certain_change
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     jumps = (phrase("plans", "jump", history, jump) for jump in possible)
     result = history_table(history).section(
         "Result",
         captioned("history", draw_history(history)),
         sentence=history_answer(history),
-        level="caution" if possible or max(history.changed.values()) > changes else "good",
+        level="caution" if possible or changed else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
         notes=(*jumps, *series_notes(history)),
     )

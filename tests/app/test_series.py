@@ -15,7 +15,9 @@ from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, campaign_of
 import bayes_inertia as bi
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.result_folder import write_json
+from bayes_inertia.report.series_sections import history_answer
 from bayes_inertia.sealing import sealed
+from bayes_inertia.series.history import History
 
 
 def call(*words) -> int:
@@ -78,6 +80,14 @@ def test_history_of_two_campaigns_says_that_something_changed(share, another, tm
     content = json.loads((tmp_path / "history" / "history.json").read_text())
     assert content["changed"]["J"] > 0.99 > content["changed"]["K"]
     assert ("check that all campaigns are of one spacecraft" in printed) == another
+
+
+def test_a_change_that_no_jump_explains_is_told_without_one():
+    """Of a wander alone between two campaigns no jump is weighed, and there is none to date."""
+    two = np.zeros((2, 9))
+    history = History(("a", "b"), two, two, two, two, (), {"K": 0.98}, {"K": 0.98})
+    wanted = "K changed (probability 98 %): a little from each campaign to the next (98 %)"
+    assert history_answer(history) == wanted
 
 
 def test_python_asks_as_the_command_does(runs, tmp_path, capsys):

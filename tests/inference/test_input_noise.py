@@ -107,7 +107,7 @@ def of_a_gyrostat(sigma: float) -> bi.Campaign:
 def test_noise_at_the_nutation_adds_up_in_the_attitude(monkeypatch, of_nutation):
     """Without its shapes the model misses the rates: the body rings at that frequency."""
     if not of_nutation:
-        limits = replace(integration_plan.NUMERICS, width_of_nutation=-1e6)
+        limits = replace(integration_plan.NUMERICS, nutation_margin=-1e6)
         monkeypatch.setattr(integration_plan, "NUMERICS", limits)
     campaign = of_a_gyrostat(3e-5)
     tests = bi.estimate(bi.Model(campaign), starts=1).tests
