@@ -12,6 +12,8 @@ from functools import wraps
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from bayes_inertia.errors import SettingsError, require
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import ProgressColumn
@@ -33,8 +35,13 @@ def silent(stage: str, done: int, of: int) -> None:
 
 
 def as_callback(progress: Progress | bool | None) -> Progress:
-    """The callback that was given, or one that tells nobody."""
-    return progress if callable(progress) else silent
+    """The callback that was given, or one that tells nobody; `SettingsError` for anything else."""
+    if callable(progress):
+        return progress
+    told, advice = progress is None or isinstance(progress, bool), "give True, None or a callback"
+    what = f"{progress!r} is no callback"
+    require(told, "progress", what, advice, error=SettingsError)
+    return silent
 
 
 def with_bar[**P, R](function: Callable[P, R]) -> Callable[P, R]:

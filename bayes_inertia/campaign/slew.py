@@ -102,7 +102,8 @@ class Slew:
     Raises
     ------
     CampaignError
-        If times do not increase, shapes do not fit, or a value is infinite or no unit quaternion.
+        If times do not increase, shapes do not fit, a value is infinite or no unit quaternion, or
+        dates of start and first row differ.
 
     Examples
     --------
@@ -133,8 +134,10 @@ class Slew:
         require_name(self.name, "slews.name")
         where = f"slews.{self.name}"
         time = _seconds(self.time, f"{where}.time")
-        object.__setattr__(self, "start", on_campaign_clock(self.start, f"{where}.start"))
+        start = on_campaign_clock(self.start, f"{where}.start")
         _require_increasing(time, f"{where}.time")
+        _require_one_date(self.start, self.time, start, where)
+        object.__setattr__(self, "start", start)
         object.__setattr__(self, "time", time)
         if self.angle is not None:
             (angle,) = one_an_axis(self.angle, 1, f"{where}.angle")
@@ -303,6 +306,16 @@ def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndar
     if array.dtype.kind == "m":
         return array / np.timedelta64(1, "s")
     return numbers(array, key, "give seconds or datetimes")
+
+
+def _require_one_date(start: Any, time: Any, start_s: float, where: str) -> None:
+    """Raise `CampaignError` if `start` and `time` are dates of which the first ones differ."""
+    if not all(moments(given, where).dtype.kind == "M" for given in (start, time)):
+        return
+    later = on_campaign_clock(plain_array(time, where)[0], where) - start_s
+    advice = "give the date of the first row, as time[0]"
+    what = f"the first row is of {abs(later):.6g} s {'later' if later > 0.0 else 'earlier'}"
+    require_key(abs(later) < LIMITS.one_moment_s, f"{where}.start", what, advice)
 
 
 def _require_increasing(time: np.ndarray, key: str) -> None:

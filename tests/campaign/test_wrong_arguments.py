@@ -30,6 +30,7 @@ class Quantity(np.ndarray):
 
 
 DEGREES = RATE.view(Quantity)
+DATES = np.datetime64("2026-01-01T00:00") + np.arange(3) * np.timedelta64(1, "s")
 LOST = {"wheel_torque": RATE, "lost_command": [0, 1, 0]}
 
 
@@ -69,6 +70,10 @@ LOST = {"wheel_torque": RATE, "lost_command": [0, 1, 0]}
         (lambda: replace(small_campaign(), reference=["gyro"]), "reference: no sensor is called"),
         (lambda: bi.Slew("a", None, TIME, rate=RATE), "slews.a.start: None is not finite"),
         (lambda: bi.Slew("a", "noon", TIME, rate=RATE), "slews.a.start: .*seconds or datetimes"),
+        (
+            lambda: bi.Slew("a", np.datetime64("2026-01-01T02:00"), DATES, rate=RATE),
+            "slews.a.start: the first row is of 7200 s earlier; give the date of the first row",
+        ),
         (lambda: bi.Slew("a", pd.NaT, TIME, rate=RATE), "slews.a.start: NaT is not finite"),
         (lambda: bi.Slew("a", 0.0, ["0", "1", "x"], rate=RATE), "time: no array of numbers"),
         (lambda: bi.Slew("a", 0.0, TIME, rate=[[0, 0], [0], [0]]), "rate: no array of numbers"),
@@ -219,3 +224,9 @@ def test_a_wheel_that_spins_freely_has_no_commands():
 def test_a_wrong_name_is_told_with_the_right_ones(make, says):
     with pytest.raises(bi.BayesInertiaError, match=says):
         make()
+
+
+def test_progress_that_is_no_callback_is_refused():
+    says = "progress: 'yes' is no callback; give True, None or a callback"
+    with pytest.raises(bi.SettingsError, match=says):
+        bi.estimate(small_campaign(), progress="yes")
