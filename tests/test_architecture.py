@@ -27,7 +27,7 @@ BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design", "series")
 ARROWS = {
     "errors": (),
-    "progress": (),
+    "progress": ("errors",),
     "version": (),
     "files": ("errors",),
     "folder_lock": ("errors", "files"),

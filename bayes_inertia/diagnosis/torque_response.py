@@ -31,7 +31,7 @@ from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
-from bayes_inertia.physics.slew_input import without_slow_error
+from bayes_inertia.physics.slew_input import without_tachometer_error
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -188,8 +188,8 @@ def _tangents(
         active = acting_in(structure, theta, coefficients, slew.context)
         J = inertia_in(structure, theta, slew.context)
         if structure.drive == "measured" and structure.wheels:
-            noise = (x[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
-            slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
+            noise = (x[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.shapes)
+            slew = without_tachometer_error(slew, telemetry.tachometer_shapes, noise)
         begin = start_of(structure, data.scale, reference, x)
 
         def path(y):

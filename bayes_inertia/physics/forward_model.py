@@ -129,8 +129,8 @@ class Model:
         shapes = shapes_of_input_noise(campaign)
         acting = _acting(campaign, (*devices, *effects), drive, shapes)
         free = free_momentum(campaign) if drive == "measured" else None
-        modes = shapes if drive == "measured" else shapes[:, :0]
-        structure = _structure(campaign, acting, drive, space, free, modes.shape[1])
+        half_periods = shapes if drive == "measured" else shapes[:, :0]
+        structure = _structure(campaign, acting, drive, space, free, half_periods.shape[1])
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
         if free is not None:  # its knots are where they are
@@ -139,7 +139,7 @@ class Model:
             campaign,
             structure.channels,
             max_step=plan.spacing,
-            modes=modes,
+            half_periods=half_periods,
             free=free,
             rows_per_step=plan.rows_per_step,
             inputs=sorted({name for effect in structure.effects for name in effect.inputs}),
@@ -391,7 +391,7 @@ def _structure(
     drive: Drive,
     space: ParameterSpace,
     free: FreeMomentum | None,
-    modes: int,
+    shapes: int,
 ) -> Structure:
     layout = tuple(
         (owner, p.name, len(p.components) if p.components else None)
@@ -407,7 +407,7 @@ def _structure(
         layout,
         campaign.inertia.includes_wheel_spin,
         len(campaign.wheels),
-        modes=free_momenta + modes,
+        shapes=free_momenta + shapes,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
         channels=channels_of(campaign, drive),
@@ -444,9 +444,9 @@ def _nuisance_scale(
     rates = np.full(3, 10.0 * rate + 1e3 * noise)
     attitudes = np.full(3, 1.0)
     if structure.drive == "measured":
-        wheels = np.repeat([w.momentum_sigma for w in campaign.wheels], structure.modes)
+        wheels = np.repeat([w.momentum_sigma for w in campaign.wheels], structure.shapes)
         if free is not None:
-            sds = wheels.reshape(-1, structure.modes)
+            sds = wheels.reshape(-1, structure.shapes)
             sds[:, -free.columns :] = free.sd[:, None]
             wheels = sds.ravel()
     else:

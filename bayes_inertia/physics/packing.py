@@ -43,13 +43,13 @@ class Telemetry(NamedTuple):
         Index of each row in the integration grid.
     readings : tuple of Readings
         Of each channel of the model.
-    tachometer_modes : (grid, modes) array
+    tachometer_shapes : (grid, shapes) array
         Orthonormal shapes of tachometer noise, slow ones and those near the nutation.
     """
 
     sample: Array
     readings: tuple[Readings, ...]
-    tachometer_modes: Array
+    tachometer_shapes: Array
 
 
 class Arrays(NamedTuple):
@@ -126,7 +126,7 @@ def pack(
     channels: Sequence[Channel],
     *,
     max_step: float | None = None,
-    modes: np.ndarray | None = None,
+    half_periods: np.ndarray | None = None,
     rows_per_step: int = 1,
     inputs: Collection[str] = (),
     free: FreeMomentum | None = None,
@@ -134,7 +134,7 @@ def pack(
     """The campaign as stacked, padded arrays.
 
     `max_step`: longest step of the grid [s]; by default what resolves the fastest rotation.
-    `modes` (slews, shapes): half periods of the shapes of tachometer noise (measured drive).
+    `half_periods` (slews, shapes): of the shapes of tachometer noise (measured drive).
     `rows_per_step`: grid points that one integration step spans; the grid is padded to a multiple
     of it. `inputs`: names of the inputs that effects ask for; the grid has a point wherever one of
     them jumps or bends. `free`: what is free of the momentum between readings of slow tachometers;
@@ -154,15 +154,16 @@ def pack(
     n_grid = _next_multiple(max(len(g) for g, _ in grids), multiple)
     n_rows = _next_multiple(max(len(s.time) for s in campaign.slews), multiple)
     slews = [_slew_input(campaign, i, *grid, n_grid, inputs) for i, grid in enumerate(grids)]
-    modes = np.zeros((len(grids), 0), int) if modes is None else modes
-    triples = zip(campaign.slews, grids, modes, strict=True)
-    shapes = [_tachometer_modes(s, len(grid), own) for s, (grid, _), own in triples]
+    if half_periods is None:
+        half_periods = np.zeros((len(grids), 0), int)
+    triples = zip(campaign.slews, grids, half_periods, strict=True)
+    shapes = [_shapes_on_grid(s, len(grid), own) for s, (grid, _), own in triples]
     if free is not None:
         for i, slew in enumerate(campaign.slews):
             momentum, of_knots = free.on_grid(slew, grids[i][0])
             slews[i] = slews[i]._replace(momentum=repeated(momentum, n_grid, 0))
             # White noise of few readings has no more shapes than these.
-            told = modes[i] < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
+            told = half_periods[i] < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
             shapes[i] = np.concatenate([shapes[i] * told, of_knots], axis=1)
     readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
     shapes = [repeated(shape, n_grid, 0) for shape in shapes]
@@ -304,14 +305,14 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
     ]
 
 
-def _tachometer_modes(slew: Slew, n: int, modes: np.ndarray) -> np.ndarray:
-    """Orthonormal shapes (n, modes) of noise on the grid, of so many half periods each."""
+def _shapes_on_grid(slew: Slew, n: int, half_periods: np.ndarray) -> np.ndarray:
+    """Orthonormal shapes (n, shapes) of noise on the grid, of so many half periods each."""
     # The mean of few readings errs most: the wheel that is read least decides.
     given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).sum(axis=0)
     read = max(1, int(np.min(given, initial=len(slew.time))))
     fraction = (np.arange(n) + 0.5) / n
-    shapes = np.cos(np.pi * modes * fraction[:, None])
-    return shapes * np.where(modes == 0, 1.0, np.sqrt(2.0)) / np.sqrt(read)
+    shapes = np.cos(np.pi * half_periods * fraction[:, None])
+    return shapes * np.where(half_periods == 0, 1.0, np.sqrt(2.0)) / np.sqrt(read)
 
 
 def _reference(campaign: Campaign, channels: Sequence[Channel], slew: Slew) -> Start:

@@ -37,7 +37,7 @@ from bayes_inertia.physics.slew_input import (
     Drive,
     SlewInput,
     Start,
-    without_slow_error,
+    without_tachometer_error,
 )
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -136,7 +136,7 @@ class Structure:
         Whether the first six parameters are J_locked.
     wheels : int
         Number of wheels.
-    modes : int
+    shapes : int
         Number of shapes of tachometer noise a wheel (measured drive), and free momenta.
     refined : bool
         Whether the integration grid is finer than the telemetry's rows.
@@ -147,7 +147,7 @@ class Structure:
     channels : tuple of Channel
         What is compared with measurements.
     free_momenta : int
-        How many of the modes are free momenta between readings of slow tachometers.
+        How many of the shapes are free momenta between readings of slow tachometers.
     """
 
     effects: tuple[Effect, ...]
@@ -155,7 +155,7 @@ class Structure:
     layout: tuple[tuple[str, str, int | None], ...]
     includes_wheel_spin: bool
     wheels: int
-    modes: int
+    shapes: int
     refined: bool
     coefficients: tuple[int, ...] = ()
     rows_per_step: int = 1
@@ -178,7 +178,7 @@ class Structure:
 
         Start rate and attitude, then start momentum (commanded) or tachometer shapes (measured).
         """
-        return 6 + self.wheels * (self.modes if self.drive == "measured" else 1)
+        return 6 + self.wheels * (self.shapes if self.drive == "measured" else 1)
 
     @property
     def n_local(self) -> int:
@@ -288,8 +288,8 @@ def predict(
     active = acting_in(structure, theta, coefficients, slew.context)
     J = inertia_in(structure, theta, slew.context)
     if structure.drive == "measured" and structure.wheels:
-        noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
-        slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
+        noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.shapes)
+        slew = without_tachometer_error(slew, telemetry.tachometer_shapes, noise)
     rows, fixes = _places_on_grid(structure, telemetry)
     if structure.has_sparse_output:
         slew = slew._replace(fixes=jnp.concatenate(fixes))

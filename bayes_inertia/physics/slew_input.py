@@ -15,21 +15,21 @@ from bayes_inertia.physics.slew_context import Environment, SlewContext
 Drive = Literal["commanded", "measured"]
 
 
-class SlowError(NamedTuple):
-    """Slow errors of the tachometers, as far as the integration needs them apart from readings.
+class TachometerError(NamedTuple):
+    """Errors of the tachometers, as far as the integration needs them apart from readings.
 
     Parameters
     ----------
     readings : (n, wheels) array
         Momentum as it was read, errors included [N m s].
-    modes : (n, k) array
+    shapes : (n, k) array
         Shapes of the errors, none faster than the motion that an integration step follows.
     size : (wheels, k) array
         How much of each shape each wheel's readings contain [N m s].
     """
 
     readings: Array
-    modes: Array
+    shapes: Array
     size: Array
 
 
@@ -60,7 +60,7 @@ class SlewInput(NamedTuple):
         `commanded` drive does not use it.
     environment : Environment
         Its columns (n, 3).
-    slow_error : SlowError, optional
+    tachometer_error : TachometerError, optional
         What was taken off the readings to give `momentum`; draws of one slew then share what the
         integration makes of the readings.
     fixes : (f,) array of int, optional
@@ -74,26 +74,26 @@ class SlewInput(NamedTuple):
     context: SlewContext
     momentum: Array
     environment: Environment
-    slow_error: SlowError | None = None
+    tachometer_error: TachometerError | None = None
     fixes: Array | None = None
     inputs: Mapping[str, InputRows] | None = None
 
 
-def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:
-    """A slew whose tachometer readings are freed of slow errors.
+def without_tachometer_error(slew: SlewInput, shapes: Array, size: Array) -> SlewInput:
+    """A slew whose tachometer readings are freed of errors.
 
-    `modes` (n, k). `size` (wheels, k): how much of each shape each wheel's readings contain [N m
+    `shapes` (n, k). `size` (wheels, k): how much of each shape each wheel's readings contain [N m
     s].
 
     Examples
     --------
     >>> slew = idle_slew([0.0, 1.0], wheels=1)
-    >>> without_slow_error(slew, np.ones((2, 1)), np.array([[0.5]])).momentum.tolist()
+    >>> without_tachometer_error(slew, np.ones((2, 1)), np.array([[0.5]])).momentum.tolist()
     [[-0.5], [-0.5]]
     """
     return slew._replace(
-        momentum=slew.momentum - modes @ size.T,
-        slow_error=SlowError(slew.momentum, modes, size),
+        momentum=slew.momentum - shapes @ size.T,
+        tachometer_error=TachometerError(slew.momentum, shapes, size),
     )
 
 

@@ -223,13 +223,13 @@ def known_momentum(
         gained = jnp.cumsum(torque * context.step[:, None], axis=0)
         at_rows = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
         return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1]))
-    if slew.slow_error is None:
+    if slew.tachometer_error is None:
         read = slew.momentum
         return KnownMomentum(steps, read, *_over_steps(steps, read, read[-1]))
-    readings, modes, size = slew.slow_error
+    readings, shapes, size = slew.tachometer_error
     cubic, lacking = _over_steps(steps, readings, readings[-1])
-    of_modes, _ = _over_steps(steps, modes, modes[-1])
-    cubic = cubic - jnp.einsum("mlk,wk->mlw", of_modes, size)
+    of_shapes, _ = _over_steps(steps, shapes, shapes[-1])
+    cubic = cubic - jnp.einsum("mlk,wk->mlw", of_shapes, size)
     return KnownMomentum(steps, slew.momentum, cubic, lacking)
 
 
