@@ -95,6 +95,8 @@ class Campaign:
         the first star tracker, else the first rate sensor.
     has_likely_inputs : bool, optional
         Whether a fit has moved the noise of inputs to the readings of the rates: once is enough.
+    shared_errors : tuple of str, optional
+        Channels that a fit found rounded so coarsely that readings share their errors.
 
     Raises
     ------
@@ -124,6 +126,7 @@ class Campaign:
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
     has_likely_inputs: bool = False
+    shared_errors: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_kind(self.name, str, "key name")

@@ -24,7 +24,6 @@ from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
-    colours_of_rounding,
     colours_seen,
     masks_at,
     noise_factors,
@@ -35,7 +34,7 @@ from bayes_inertia.inference.cleaning import (
 from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.likelihood import Point, padded_sensitivities, residuals
-from bayes_inertia.inference.noise_colour import colour_of, level_of_rounded, rounding_steps
+from bayes_inertia.inference.noise_colour import colour_of
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -93,19 +92,15 @@ def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
 
     fit = without_outliers(fit, stated.campaign, repeat)
     rounded = tuple(sorted(rounded_channels(fit.estimate)))
-    colour = colours_of_rounding(fit.estimate, rounded)
-    treatment = replace(fit.treatment, rounded=rounded, colour=colour)
+    treatment = replace(fit.treatment, rounded=rounded)
     return fit if treatment == fit.treatment else repeat(fit, treatment)
 
 
 def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
     """By channel, what its noise is multiplied by: as measured, or as rounding makes it."""
-    measured, steps = noise_factors(estimate), rounding_steps(estimate.model.campaign)
-    for channel in treatment.rounded:
-        if channel in treatment.colour:
-            measured[channel] = 1.0  # The colour holds it all.
-        else:
-            measured[channel] = level_of_rounded(measured[channel], steps[channel])
+    measured = noise_factors(estimate)
+    rounded = rounded_channels(estimate) if treatment.rounded else {}
+    measured |= {channel: rounded[channel] for channel in treatment.rounded if channel in rounded}
     for channel in treatment.by_residuals:
         of_residuals = float(np.sqrt(estimate.tests[channel].reduced_chi2 or 1.0))
         measured[channel] = max(1.0, measured[channel], of_residuals)

@@ -38,6 +38,7 @@ from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt, Treatment
+from bayes_inertia.faults.quantisation import quantisation_sigma
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.limits import LIMITS
@@ -46,6 +47,7 @@ from bayes_inertia.inference.noise_colour import (
     bursts_of,
     colour_of,
     factor_of_rounding,
+    factor_of_shared_errors,
     has_one_error,
     is_alike_everywhere,
     is_coarse,
@@ -229,11 +231,14 @@ def clean_fit(estimate: Estimate, *, seed: int = 0) -> CleanFit:
     stated = estimate.model.campaign
     fit = without_outliers(CleanFit(estimate, DirtTreatment()), stated, repeat)
     for measured in (_with_rounding, _with_colour, _with_level):
-        if not any(test.too_large for test in fit.estimate.tests.values()):
-            break
         again = repeat(fit, measured(fit))
         fit = fit if again is fit else without_outliers(again, stated, repeat)
     return fit
+
+
+def _is_too_large(fit: CleanFit) -> bool:
+    """Whether residuals of any channel are."""
+    return any(test.too_large for test in fit.estimate.tests.values())
 
 
 def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: int) -> CleanFit:
@@ -367,47 +372,67 @@ def rounded_channels(estimate: Estimate) -> dict[str, float]:
     for channel, steps in rounding_steps(estimate.model.campaign).items():
         factor = factor_of_rounding(steps)
         louder = measured[channel] > 1.0 + 0.5 * (factor - 1.0)
-        if factor > LIMITS.rounding_that_counts and (is_coarse(steps) or louder):
-            level = level_of_rounded(measured[channel], steps)
-            if level < LIMITS.more_than_rounding * factor:
-                rounded[channel] = level
+        counts = factor > LIMITS.rounding_that_counts and (is_coarse(steps) or louder)
+        level = level_of_rounded(measured[channel], steps) if counts else 1.0
+        if (counts or has_one_error(steps)) and level < LIMITS.more_than_rounding * factor:
+            rounded[channel] = with_shared_errors(estimate, channel, level)
     return rounded
+
+
+def with_shared_errors(estimate: Estimate, channel: str, level: float) -> float:
+    """The level of a rounded channel's noise, errors counted as often as readings share them."""
+    steps = rounding_steps(estimate.model.campaign)[channel]
+    if not has_one_error(steps):
+        return level
+    kept = np.flatnonzero(steps)
+    every = [x[:, kept] / steps[kept] for x in _paths(estimate, channel, level)]
+    paths, motions = ([column[np.isfinite(column)] for column in x.T] for x in every)
+    # Stated noise that holds the rounding is smaller without it.
+    rounding = quantisation_sigma(1.0) * steps[kept]
+    without = np.sqrt(np.maximum(level**2 - rounding**2, 0.0)) / steps[kept]
+    factor = factor_of_shared_errors(paths, motions, without)
+    return float(np.sqrt(level**2 + (factor**2 - 1.0) * rounding.max() ** 2))
+
+
+def _paths(estimate: Estimate, channel: str, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted readings (rows, components), and without the offset fitted beside their size.
+
+    In stated sigmas; a bias that is known is no offset, and tachometers have one in each slew.
+    """
+    model = estimate.model
+    campaign, stream = model.campaign, stream_named(channel, model.campaign)
+    sigma, sensor = np.array(stream.sigma(campaign), float), stream.hardware(campaign)
+    readings, paths = model.channels[model.structure.place(channel)].readings, []
+    for s, left in enumerate(plain_series(estimate)[channel]):
+        given = readings(campaign, campaign.slews[s])
+        true = given.values - gap_of(estimate, s, left[: len(given.values)], channel)
+        paths.append(np.where(given.valid, true, np.nan) / sigma)
+    every = np.concatenate(paths)
+    if sensor is None:
+        return every, np.concatenate([path - np.nanmean(path, axis=0) for path in paths])
+    motion, count = every - np.array(sensor.bias) / sigma, np.isfinite(every).sum(axis=0)
+    free = count * (np.array(sensor.bias_sigma) / (level * sigma)) ** 2
+    return every, motion - free / (1.0 + free) * np.nanmean(motion, axis=0)
 
 
 def _with_rounding(fit: CleanFit) -> DirtTreatment:
     """The treatment with the noise that rounding adds."""
     tests, noise = fit.estimate.tests, fit.estimate.model.noise
+    steps = rounding_steps(fit.estimate.model.campaign)
     rounded = {
-        channel: factor
-        for channel, factor in rounded_channels(fit.estimate).items()
-        if tests[channel].too_large and noise.of(channel).is_stated
+        channel: level
+        for channel, level in rounded_channels(fit.estimate).items()
+        if tests[channel].too_large or has_one_error(steps[channel])
+        if noise.of(channel).is_stated
     }
-    colour = colours_of_rounding(fit.estimate, rounded)
-    level = {**fit.treatment.level, **rounded, **dict.fromkeys(colour, 1.0)}
-    return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)), colour=colour)
-
-
-def colours_of_rounding(estimate: Estimate, rounded: Iterable[str]) -> dict[str, Colour]:
-    """The noise of coarsely rounded rates: their errors last while the readings stay the same.
-
-    They do so longer at rest than in motion. `rounded`: channels. Returns: by channel.
-    """
-    steps = rounding_steps(estimate.model.campaign)
-    coarse = (channel for channel in rounded if has_one_error(steps[channel]))
-    return _colours(estimate, coarse, slow=True, alike=False)
-
-
-def _colours(estimate: Estimate, channels: Iterable[str], **how: bool) -> dict[str, Colour]:
-    """The correlated noise that residuals show, by channel; `how`: as `colour_of` takes it."""
-    campaign = estimate.model.campaign
-    asked = [c for c in channels if stream_named(c, campaign).may_be_correlated]
-    series = plain_series(estimate) if asked else {}
-    seen = {channel: colour_of(campaign.slews, series[channel], **how) for channel in asked}
-    return {channel: colour for channel, colour in seen.items() if colour is not None}
+    level = {**fit.treatment.level, **rounded}
+    return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)))
 
 
 def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of rate sensors, where that is what there is."""
+    if not _is_too_large(fit):
+        return fit.treatment
     seen = {
         channel: colour
         for channel, colour in colours_seen(fit.estimate).items()
@@ -423,20 +448,24 @@ def colours_seen(estimate: Estimate, *, slow: bool = False) -> dict[str, Colour]
     Returns: by channel, in the sigmas of the estimate's campaign; none where the residuals are
     white, or where what they are is not alike everywhere.
     """
-    tests = estimate.tests
-    names = (c.name for c in estimate.model.channels)
-    return _colours(estimate, (c for c in names if tests[c].is_structured), slow=slow)
+    campaign, tests = estimate.model.campaign, estimate.tests
+    names = [c.name for c in estimate.model.channels if tests[c.name].is_structured]
+    asked = [name for name in names if stream_named(name, campaign).may_be_correlated]
+    series = plain_series(estimate) if asked else {}
+    seen = {channel: colour_of(campaign.slews, series[channel], slow=slow) for channel in asked}
+    return {channel: colour for channel, colour in seen.items() if colour is not None}
 
 
 def _with_level(fit: CleanFit) -> DirtTreatment:
     """The treatment with the measured level of each channel's noise, where that is noise."""
+    if not _is_too_large(fit):
+        return fit.treatment
     estimate = fit.estimate
     series, slews = estimate.residual_series, estimate.model.campaign.slews
-    level, steps = dict(fit.treatment.level), rounding_steps(estimate.model.campaign)
+    level, untold = dict(fit.treatment.level), estimate.model.campaign.shared_errors
     for channel, factor in noise_factors(estimate).items():
         # Of coarsely rounded readings fast differences do not tell the level.
-        untold = channel in fit.treatment.rounded and has_one_error(steps[channel])
-        if untold or factor <= 1.0 or not estimate.model.noise.of(channel).is_stated:
+        if channel in untold or factor <= 1.0 or not estimate.model.noise.of(channel).is_stated:
             continue
         in_bursts = not stream_named(channel, estimate.model.campaign).is_series
         if in_bursts or is_alike_everywhere(slews, series[channel]):

@@ -240,7 +240,8 @@ class Estimate:
         # stated, whiteness is the last test left: it is kept.
         steps = rounding_steps(model.campaign)
         stated = (c for c in steps if model.noise.of(c).is_stated)
-        rounded = [c for c in stated if has_one_error(largest[c] * steps[c])]
+        known = model.campaign.shared_errors
+        rounded = [c for c in stated if c in known or has_one_error(largest[c] * steps[c])]
         tests = channel_tests(model.channels, series, chi2, dof, rounded)
         for name, noise, own in zip(series, noises, densities, strict=True):
             if noise.scale_sampled:

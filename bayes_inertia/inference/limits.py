@@ -161,6 +161,8 @@ class Limits:
     rounding_that_counts: float = 1.005
     # Steps beyond so many sigmas leave errors that are not independent.
     coarse_step: float = 2.5
+    # Harmonics of a rounding error that count; those beyond hold a fiftieth of its variance.
+    harmonics_of_rounding: int = 32
     # Coarsely rounded readings are louder than their rounding where they are so by this factor.
     louder_than_coarse: float = 1.5
     # Noise beyond what is stated and rounded by this factor has another cause.

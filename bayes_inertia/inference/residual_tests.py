@@ -103,10 +103,13 @@ def _rejects(p_value: float | None) -> bool:
     return p_value is not None and p_value < LIMITS.reject_below
 
 
-def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:
+def chi2_test(
+    chi2: float, dof: float, p_white: float | None = None, *, shared: bool = False
+) -> ChannelTest:
     """Test a sum of squares against its degrees of freedom.
 
     `dof`: degrees of freedom; there is no test where the fit leaves less than half of one.
+    `shared`: whether readings share errors, so that small sums are no surprise.
 
     Examples
     --------
@@ -115,7 +118,8 @@ def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelT
     """
     if dof < 0.5:
         return ChannelTest(None, None, None, None)
-    tails = 2.0 * min(stats.chi2.cdf(chi2, dof), stats.chi2.sf(chi2, dof))
+    lower = 1.0 if shared else stats.chi2.cdf(chi2, dof)
+    tails = 2.0 * min(lower, stats.chi2.sf(chi2, dof))
     interval = tuple((stats.chi2.ppf([0.005, 0.995], dof) / dof).tolist())
     return ChannelTest(float(chi2 / dof), interval, float(min(1.0, tails)), p_white)
 
@@ -131,15 +135,16 @@ def channel_tests(
 
     `chi2`, `dof`: of each channel. `series` (rows, components): residuals by channel and slew, NaN
     where nothing was measured. `rounded`: channels whose readings are rounded so coarsely that
-    their errors are not white by right.
+    they share errors, which are not white by right.
     """
     tests = {}
     for i, channel in enumerate(channels):
         # Star-tracker fixes come in a few bursts: no series to correlate.
-        is_series = channel.stream.is_series and channel.name not in rounded
-        p_white = whiteness(series[channel.name]) if is_series else None
-        tests[channel.name] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
-    tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()))
+        shared = channel.name in rounded
+        is_tested = channel.stream.is_series and not shared
+        p_white = whiteness(series[channel.name]) if is_tested else None
+        tests[channel.name] = chi2_test(float(chi2[i]), float(dof[i]), p_white, shared=shared)
+    tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()), shared=bool(rounded))
     return tests
 
 

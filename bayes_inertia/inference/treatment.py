@@ -16,7 +16,12 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt, DirtKind
-from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
+from bayes_inertia.inference.noise_colour import (
+    Colour,
+    ColourOfAxis,
+    has_one_error,
+    rounding_steps,
+)
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.slew_input import Drive
 
@@ -36,8 +41,7 @@ class DirtTreatment:
     colour : mapping of Colour
         By channel, correlation and level of its noise where that is correlated in time.
     rounded : tuple of str
-        Channels whose noise follows from the step to which readings are rounded: their level, or
-        the colour of coarsely rounded rates.
+        Channels whose noise follows from the step to which readings are rounded.
     by_residuals : tuple of str
         Channels whose level is that of all residuals, not of fast differences alone: their tails
         are heavy, or they are louder at times.
@@ -52,7 +56,7 @@ class DirtTreatment:
     @property
     def is_nothing(self) -> bool:
         """Whether the campaign stays as it is."""
-        return not (self.masked or self.colour or self.louder)
+        return not (self.masked or self.colour or self.louder or self.rounded)
 
     @property
     def louder(self) -> dict[str, float]:
@@ -139,7 +143,9 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     if treatment.is_nothing:
         return campaign
     slews = tuple(_masked(campaign, slew, treatment.masked) for slew in campaign.slews)
-    campaign = replace(campaign, slews=slews, dirt=records_of_dirt(campaign, treatment))
+    steps, dirt = rounding_steps(campaign), records_of_dirt(campaign, treatment)
+    shared = tuple(channel for channel in treatment.rounded if has_one_error(steps[channel]))
+    campaign = replace(campaign, slews=slews, dirt=dirt, shared_errors=shared)
     for channel, colour in treatment.colour.items():
         stream = stream_named(channel, campaign)
         sensor = _with_colour(stream.hardware(campaign), colour)
