@@ -9,16 +9,23 @@ for all sets. What else may act, random signals and formulas, is projected besid
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.candidates import FlexibleModeCandidate
-from bayes_inertia.diagnosis.hypothesis_table import FixedMember, Given, System, fixed_member
+from bayes_inertia.diagnosis.hypothesis_table import (
+    FixedMember,
+    Given,
+    System,
+    fixed_member,
+    visible,
+)
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import prior_root, prior_rows
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -93,6 +100,17 @@ class LinearModel:
         """What the fit imitates (unknowns, c) of the columns."""
         return self.fit.imitated(self.columns)
 
+    def told_by_data(self) -> np.ndarray:
+        """S (c, c) without what only the prior of J and K tells of amplitudes.
+
+        A gain that scales J with everything else is seen by that prior alone.
+        """
+        base = len(self.null)
+        prior = prior_root(self.fit.model, self.fit.point.theta)[:base, :base]
+        moved, own = prior @ self.system.matrix[-base:], prior @ self.root
+        of_data = np.linalg.pinv(np.eye(base) - own @ own.T, 1e-9, hermitian=True)
+        return self.system.matrix - moved.T @ of_data @ moved
+
     def projected(self, columns: np.ndarray) -> ProjectedSignal:
         """A signal, as `projected_signal`, beside the effects; J and K are last of these.
 
@@ -160,7 +178,7 @@ def linear_model(
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
     root = _root_of_parameters(fit)
     moved = root @ fit.imitated(columns)
-    return LinearModel(
+    model = LinearModel(
         fit=fit,
         system=_with_parameters(matrix, gradient, moved),
         columns=columns,
@@ -172,6 +190,18 @@ def linear_model(
         root=root,
         mode=mode,
     )
+    told = model.told_by_data()
+    kept = (m for m in model.members if m.name in held or not _is_scale(m, matrix, told))
+    return replace(model, members=tuple(kept))
+
+
+def _is_scale(member: FixedMember, matrix: np.ndarray, told: np.ndarray) -> bool:
+    """Whether the prior of J and K alone sees an effect, as the gain of the one stated device.
+
+    J is told on the scale of what such a gain would change: that is said of the result.
+    """
+    seen, by_data = (len(visible(each, member.index)[0]) for each in (matrix, told))
+    return seen > 0 and by_data == 0
 
 
 def _scales(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

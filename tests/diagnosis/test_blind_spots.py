@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.refits import fitted_with
 
+from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of, nothing
 from bayes_inertia.diagnosis.linear_system import linear_model
@@ -130,3 +131,28 @@ def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
     others = rng.normal(size=(5000, 4))
     others /= np.sqrt(np.einsum("ni,ij,nj->n", others, shape, others))[:, None]
     assert np.all(np.abs(others @ shift_per_amplitude.T) <= shift * (1.0 + 1e-12))
+
+
+@pytest.mark.slow
+def test_a_gain_that_scales_J_alone_is_seen_by_no_data_and_widens_nothing():
+    """Where the prior of J was narrow it saw the gain, and J was quoted a hundred times wider."""
+    small, library = small_campaign(), by_name(["wheel_torque_gain"])
+    blind = tuple(replace(wheel, momentum_sigma=None) for wheel in small.wheels)
+    slews = tuple(replace(slew, wheel_momentum=None) for slew in small.slews)
+    powers = {}
+    for narrow in (True, False):
+        prior = InertiaPrior(small.inertia.tensor, *((0.01, 0.03) if narrow else (100.0, 100.0)))
+        campaign = replace(small, wheels=blind, slews=slews, inertia=prior)
+        fitted = estimate(Model(campaign), starts=1, discount=False)
+        linear = linear_model(move_to(fitted, Model(campaign, library)))
+        (member,) = linear.members
+        each = (linear.system.matrix, linear.told_by_data())
+        block = np.ix_(member.index, member.index)
+        powers[narrow] = [np.linalg.eigvalsh(matrix[block]) for matrix in each]
+        if narrow:
+            (row,) = undetected_alternatives(fitted, library)
+            # Gains that differ widen it 3 times; with what all share it was 50 times and more.
+            assert np.all(row.sd < 5.0 * fitted.sd[:9])
+    (by_prior, told), (_, again) = powers[True], powers[False]
+    assert by_prior[0] > 1.0 > 1e3 * told[0]
+    np.testing.assert_allclose(told[1:], again[1:], rtol=1e-3)
