@@ -129,7 +129,7 @@ def outlying_readings(
 
     `slews` (rows, components). `steps`: to which multiples each component's readings are rounded,
     in the unit of the residuals; 0 where they are not. One step up or down is no outlier. Returns
-    (rows, components): none at all where they are so many that they are the noise itself.
+    (rows, components).
 
     Examples
     --------
@@ -157,8 +157,7 @@ def outlying_readings(
         for flag, k, distance in zip(flags, rows, distances, strict=True):
             scale = np.maximum(overall, _scale_around(distance))
             flag[k, component] = np.abs(distance) > np.maximum(limit * scale, least)
-    share = sum(int(flag.sum()) for flag in flags) / max(n, 1)
-    return [flag & (share <= LIMITS.most_outliers) for flag in flags]
+    return flags
 
 
 def _scale(distance: np.ndarray) -> float:
@@ -282,23 +281,33 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     What an earlier, worse fit took for an outlier need not be one.
     """
     if not treatment.masked:
-        return _masks((), _outliers_in(estimate))
+        return _masks((), *_outliers_in(estimate))
     model, unmasked = estimate.model, replace(treatment, masked=())
     model = replace(model, campaign=treated(stated, unmasked, model.structure.drive))
     references = (x.data.arrays.reference for x in (model, estimate.model))
     if not all(np.array_equal(a, b) for a, b in zip(*references, strict=True)):
         # Nuisances are counted from readings that are masked.
-        return _masks(treatment.masked, _outliers_in(estimate))
+        return _masks(treatment.masked, *_outliers_in(estimate))
     estimate = replace(estimate, model=model, stated=whitening(model, estimate.theta))
-    return _masks((), _outliers_in(estimate))
+    return _masks((), *_outliers_in(estimate))
 
 
-def _masks(old: tuple[Dirt, ...], new: Mapping[tuple[str, str], np.ndarray]) -> tuple[Dirt, ...]:
-    """Masks of both, one record a channel and slew."""
-    rows: dict[tuple[str, str], Iterable[int]] = {(d.channel, d.slew): d.rows for d in old}
+def _masks(
+    old: tuple[Dirt, ...],
+    new: Mapping[tuple[str, str], np.ndarray],
+    too_many: Mapping[str, float],
+) -> tuple[Dirt, ...]:
+    """Masks of both, one record a channel and slew; a record of each channel with too many."""
+    rows: dict[tuple[str, str], Iterable[int]] = {
+        (d.channel, d.slew): d.rows for d in old if d.slew
+    }
     rows |= {key: {*rows.get(key, ()), *numbers} for key, numbers in new.items()}
     where = "far beyond the readings before and after"
-    return tuple(_outliers(*key, numbers, "masked", where) for key, numbers in rows.items())
+    left = (
+        Dirt("outliers", channel, "", (), "ignored", f"{100.0 * share:.2g} % of them are {where}")
+        for channel, share in too_many.items()
+    )
+    return (*(_outliers(*key, own, "masked", where) for key, own in rows.items()), *left)
 
 
 def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, where: str) -> Dirt:
@@ -308,12 +317,15 @@ def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, 
     return Dirt("outliers", channel, slew, numbers, treated, note)
 
 
-def _outliers_in(estimate: Estimate) -> dict[tuple[str, str], np.ndarray]:
+def _outliers_in(
+    estimate: Estimate,
+) -> tuple[dict[tuple[str, str], np.ndarray], dict[str, float]]:
     """Rows of outliers among an estimate's residuals, by channel and slew.
 
-    `estimate`: A fit; what its campaign masks already is not looked at.
+    `estimate`: A fit; what its campaign masks already is not looked at. Returns too: of channels
+    with so many that they are its noise, the share; none of these is among the rows.
     """
-    model, series = estimate.model, plain_series(estimate)
+    model, series, too_many = estimate.model, plain_series(estimate), dict[str, float]()
     slews, steps, hit = model.campaign.slews, rounding_steps(model.campaign), {}
     for channel in sorted(model.channels, key=lambda c: not c.stream.is_series):
         name = channel.name
@@ -323,13 +335,19 @@ def _outliers_in(estimate: Estimate) -> dict[tuple[str, str], np.ndarray]:
             flags = outlying_readings(series[name], steps[name].tolist())
             flags = away_from_switches(slews, flags)
             hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
-    return {
+            read = sum(int(np.isfinite(values).sum()) for values in series[name])
+            share = sum(int(flag.sum()) for flag in flags) / read
+            if share > LIMITS.most_outliers:
+                hit[name] = [np.zeros(0, int) for _ in slews]
+                too_many |= {} if model.noise.of(name).heavy else {name: share}
+    rows = {
         (channel, slew.name): rows
         for channel, of_slews in hit.items()
         if not model.noise.of(channel).heavy
         for slew, rows in zip(slews, of_slews, strict=True)
         if len(rows)
     }
+    return rows, too_many
 
 
 def noise_factors(estimate: Estimate) -> dict[str, float]:

@@ -199,6 +199,13 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         next_step = "look for the missing effect with `diagnose`"
         if context.verdict:
             next_step = "the diagnosis found no effect that explains it"
+        left = (d for d in estimate.model.campaign.dirt if d.treated == "ignored" and not d.slew)
+        if outlying := [d.channel for d in left if d.kind == "outliers"]:
+            asked = " ".join(f"--noise {channel}=student_t" for channel in outlying)
+            next_step = (
+                f"outliers of {listed(outlying)} are too many to be left out: fit with `{asked}`, "
+                "which models them"
+            )
         # After a diagnosis that leaves something open, its own gate says what that means.
         opened = context.verdict in OPEN_VERDICTS
         advice = "" if opened else f"; {next_step}, and do not read sd as the uncertainty"

@@ -23,8 +23,9 @@ from bayes_inertia.inference.cleaning import (
     outlying_fixes,
     outlying_readings,
 )
-from bayes_inertia.inference.gates import prior_gate
+from bayes_inertia.inference.gates import _explained, prior_gate
 from bayes_inertia.inference.likelihood import Point
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_colour import (
     Colour,
     ColourOfAxis,
@@ -32,8 +33,10 @@ from bayes_inertia.inference.noise_colour import (
     factor_of_shared_errors,
     is_alike_everywhere,
 )
+from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root
+from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -260,7 +263,26 @@ def test_a_step_of_rounded_readings_is_no_outlier_and_three_are():
 def test_too_many_outliers_are_the_noise():
     rng = np.random.default_rng(5)
     heavy = rng.standard_t(1.0, size=(2000, 3))
-    assert not outlying_readings([heavy])[0].any()
+    assert outlying_readings([heavy])[0].mean() > LIMITS.most_outliers
+
+
+@pytest.mark.slow
+def test_more_outliers_than_can_be_left_out_are_told_with_what_models_them(flown):
+    rng = np.random.default_rng(8)
+
+    def change(i, slew):
+        hit = rng.random(slew.rate.shape) < 0.06
+        return replace(slew, rate=slew.rate + 6e-4 * hit * rng.choice([-1.0, 1.0], hit.shape))
+
+    dirty = changed(flown.campaign, change)
+    result = clean_fit(fitted(dirty))
+    (record,) = result.treatment.masked
+    assert (record.channel, record.slew, record.rows) == ("rate", "", ())
+    assert "%" in record.note
+    explained = _explained(result.estimate, FitContext())
+    assert "--noise rate=student_t" in explained["says"]
+    modelled = NoiseModel(rate=ChannelNoise("student_t"))
+    assert not clean_fit(optimizer.estimate(Model(dirty, noise=modelled))).treatment.masked
 
 
 def test_readings_that_do_not_change_for_long_are_judged_without_a_warning():
