@@ -97,6 +97,10 @@ class Limits:
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time
 
+    # Times of the rates' span: fixes may be taken before and after a slew, but a table that lies
+    # further off counts by another clock.
+    spans_apart: float = 5.0
+
     # `environment.py`
     # [days]; in low orbit older elements are some degrees along the orbit off, the field with them
     oldest_elements: float = 10.0

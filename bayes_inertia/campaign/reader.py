@@ -32,6 +32,7 @@ from bayes_inertia.campaign.streams import (
     counted_once,
     inputs_of,
     on_their_clocks,
+    require_beside_rates,
     stream_from_table,
     streams_of,
     union,
@@ -165,6 +166,7 @@ def _assembled(
     """The campaign of a description, whose tables are asked for by file, columns and slew."""
     slews, dirt = [], []
     unplaced = [rows for k in range(len(parsed.slews)) for rows in _streams(k, table, parsed)]
+    require_beside_rates(unplaced)
     streams = on_their_clocks(counted_once(unplaced))
     for k, part in enumerate(parsed.slews):
         of_slew = [rows for rows in streams if rows.slew == k]

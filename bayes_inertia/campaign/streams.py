@@ -126,12 +126,43 @@ class StreamRows:
         """The column of its time, in the file's own unit."""
         return self.table.numbers(self.stream.time.names[0])
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Its first and last time on the slew's clock [s]."""
+        ends = schema.to_si(self.stamps[[0, -1]], "time", self.stream.time.unit)
+        first, last = (ends + self.stream.offset_s).tolist()
+        return first, last
+
     def at(self, times: np.ndarray, dirt: Dirt | None) -> StreamRows:
         """The same rows at other times (rows,), with one more record."""
         records = self.dirt if dirt is None else (*self.dirt, dirt)
         return replace(
             self, table=self.table.changed({self.stream.time.names[0]: times}), dirt=records
         )
+
+
+def require_beside_rates(streams: Sequence[StreamRows]) -> None:
+    """Raise `CampaignError` where a table lies far from its slew's rates, as no other slew's does.
+
+    Where those of all slews do, their clock has an offset, which the check of conventions tells.
+    """
+    away: dict[str, list[tuple[float, StreamRows]]] = {}
+    given = [rows for rows in streams if rows.table.rows]
+    rated = (rows for rows in given if any(e.field == "rate" for e in rows.stream.entries))
+    rates = {rows.slew: rows.span for rows in rated}
+    for rows in given:
+        first, last = rates.get(rows.slew, rows.span)
+        distance = max(first - rows.span[1], rows.span[0] - last) / (last - first or 1.0)
+        for entry in rows.stream.entries:
+            away.setdefault(entry.key, []).append((distance, rows))
+    for of_slews in away.values():
+        far = [rows for distance, rows in of_slews if distance > LIMITS.spans_apart]
+        if far and len(far) < len(of_slews):
+            (begin, end), (first, last) = far[0].span, rates[far[0].slew]
+            where = f"{begin:.6g} to {end:.6g} s, those of the rates {first:.6g} to {last:.6g} s"
+            advice = "mend them, or leave the table out of this slew"
+            what = f"its times are {where}, and in other slews they meet"
+            raise CampaignError(what, where=far[0].table.label, advice=advice)
 
 
 def on_their_clocks(streams: Sequence[StreamRows]) -> list[StreamRows]:

@@ -115,6 +115,16 @@ def test_a_stream_may_have_its_own_clock(tmp_path):
     assert second.time.tolist() == [0.0, 0.25, 0.5, 0.75]
 
 
+def test_a_table_of_one_slew_on_another_clock_is_refused_by_its_file(tmp_path):
+    """Fits of such a slew did not end; where all slews are so, the clock has an offset."""
+    later = TABLES["tracker.csv"].replace("\n0.", "\n5000.")
+    with pytest.raises(CampaignError, match=r"tracker.csv: its times are 5000 to 5000.3 s, those"):
+        read_campaign(make_streams(tmp_path / "one", tracker=later))
+    alone = edited(TOML, (TOML[TOML.rindex("[[slews]]") :], ""))
+    slew = read_campaign(make_streams(tmp_path / "all", toml=alone, tracker=later)).slews[0]
+    assert slew.duration > 5000.0
+
+
 def test_a_slew_begins_at_its_first_command(tmp_path):
     wheels = TABLES["wheels.csv"].replace("0.0,1e-3", "0.1,1e-3")
     slew = read_campaign(make_streams(tmp_path, wheels=wheels)).slews[0]
