@@ -494,8 +494,9 @@ def _require_usable(cautions: Sequence[str], where: str) -> None:
 
 
 def of_trusted[T](known: T | None, where: str) -> T:
-    """What a result knows, or `CampaignError` where it is not trusted, which None says."""
+    """What a result knows, or `CampaignError` where it quotes no sd, which None says."""
     if known is None:
-        advice = "read its report, and use a result that is trusted"
-        raise CampaignError("the result is not trusted: it is no prior", where=where, advice=advice)
+        advice = "read its report, and use a result that quotes one"
+        what = "the result quotes no sd: it is not to be used, and no prior"
+        raise CampaignError(what, where=where, advice=advice)
     return known

@@ -260,7 +260,11 @@ def test_what_cannot_be_updated_is_said(made, fitted, tmp_path):
     known = good.attributes | {"slew_digests": campaign.slew_digests}
     good.tree.attrs["bayes_inertia"] = json.dumps(known)
     for former, new, says in (
-        (made("thrown"), campaign, "the result is not trusted: it is no prior; read its report"),
+        (
+            made("thrown"),
+            campaign,
+            "the result quotes no sd: it is not to be used, and no prior; read its report",
+        ),
         (good, campaign, "holds this telemetry already: it would count twice"),
         (good, "my_campaign", "campaign: a str is no Campaign; give a Campaign: read_campaign"),
         (3, campaign, "former: 3 is no path"),
