@@ -35,6 +35,7 @@ from bayes_inertia.conventions.doubts import (
     dirt_of,
     doubtful_places,
     factors,
+    field_of_no_orbit,
 )
 from bayes_inertia.conventions.laws import (
     DIRECTION,
@@ -424,6 +425,7 @@ def _doubts(
         *factor,
         *streams_apart(written, stated),
         *broken_limits(written, stated, holds),
+        *field_of_no_orbit(written, stated),
     )
 
 

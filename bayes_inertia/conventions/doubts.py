@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import MOMENTUM, RATE, SensorStream, series_of
+from bayes_inertia.conventions.candidates import is_of_earth
 from bayes_inertia.conventions.law_data import LinearFit, along_body
 from bayes_inertia.conventions.laws import (
     CLOSURE,
@@ -23,12 +24,14 @@ from bayes_inertia.conventions.laws import (
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import turn_between, without_mean
 from bayes_inertia.conventions.reading import (
+    FIELD,
     TORQUE,
     Mistake,
     Reading,
     Stated,
     direction_sensors,
     followed,
+    path_of,
     readings_of,
 )
 from bayes_inertia.faults.fault import Dirt
@@ -231,6 +234,19 @@ def broken_limits(campaign: Campaign, stated: Stated, holds: Mapping[str, bool])
             f"{readings} (up to {largest:.3g} {unit}); {blame}"
         )
     return tuple(said)
+
+
+def field_of_no_orbit(campaign: Campaign, stated: Stated) -> Iterator[str]:
+    """A magnetic field of a size that the Earth's has in no orbit: no law need show its unit."""
+    given = [x for slew in campaign.slews if (x := slew.magnetic_field_N) is not None]
+    known = [rows[np.isfinite(rows).all(axis=1)] for rows in given]
+    if sum(map(len, known)) and not is_of_earth(known):
+        size, entries = np.linalg.norm(np.concatenate(known), axis=1), stated.of(FIELD)
+        where = path_of(entries[0]) if entries else "magnetic_field_N"
+        yield (
+            f"{where}: the field is {np.median(size):.2g} T, where the Earth's is "
+            f"{LIMITS.weakest_field:.0e} to {LIMITS.strongest_field:.0e} T; look at its unit"
+        )
 
 
 _LIMITS = (

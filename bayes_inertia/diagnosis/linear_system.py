@@ -190,18 +190,19 @@ def linear_model(
         root=root,
         mode=mode,
     )
-    told = model.told_by_data()
-    kept = (m for m in model.members if m.name in held or not _is_scale(m, matrix, told))
-    return replace(model, members=tuple(kept))
+    return _without_scales(model, held)
 
 
-def _is_scale(member: FixedMember, matrix: np.ndarray, told: np.ndarray) -> bool:
-    """Whether the prior of J and K alone sees an effect, as the gain of the one stated device.
+def _without_scales(model: LinearModel, held: Sequence[str]) -> LinearModel:
+    """The model without effects that the prior of J alone sees, as the gain of the one device.
 
     J is told on the scale of what such a gain would change: that is said of the result.
     """
-    seen, by_data = (len(visible(each, member.index)[0]) for each in (matrix, told))
-    return seen > 0 and by_data == 0
+    each, kept = (model.system.matrix, model.told_by_data()), []
+    for member in model.members:
+        seen, by_data = (len(visible(matrix, member.index)[0]) for matrix in each)
+        kept += [member] if member.name in held or by_data or not seen else []
+    return replace(model, members=tuple(kept))
 
 
 def _scales(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

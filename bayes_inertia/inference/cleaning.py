@@ -40,7 +40,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.faults.quantisation import quantisation_sigma
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.laplace import Estimate, plain_series
+from bayes_inertia.inference.laplace import Estimate, gap_of, plain_series
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_colour import (
     Colour,
@@ -233,11 +233,6 @@ def clean_fit(estimate: Estimate, *, seed: int = 0) -> CleanFit:
         again = repeat(fit, measured(fit))
         fit = fit if again is fit else without_outliers(again, stated, repeat)
     return fit
-
-
-def _is_too_large(fit: CleanFit) -> bool:
-    """Whether residuals of any channel are."""
-    return any(test.too_large for test in fit.estimate.tests.values())
 
 
 def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: int) -> CleanFit:
@@ -449,7 +444,7 @@ def _with_rounding(fit: CleanFit) -> DirtTreatment:
 
 def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of rate sensors, where that is what there is."""
-    if not _is_too_large(fit):
+    if not fit.estimate.is_too_large:
         return fit.treatment
     seen = {
         channel: colour
@@ -476,7 +471,7 @@ def colours_seen(estimate: Estimate, *, slow: bool = False) -> dict[str, Colour]
 
 def _with_level(fit: CleanFit) -> DirtTreatment:
     """The treatment with the measured level of each channel's noise, where that is noise."""
-    if not _is_too_large(fit):
+    if not fit.estimate.is_too_large:
         return fit.treatment
     estimate = fit.estimate
     series, slews = estimate.residual_series, estimate.model.campaign.slews
@@ -571,15 +566,6 @@ def fix_outliers(
     turns = [np.einsum("fij,fj->fi", factors[s, : len(k)], turns[s]) for s, k in enumerate(rows)]
     flags = outlying_fixes(fixes, bursts, times, turns)
     return [k[flag] for k, flag in zip(rows, flags, strict=True)]
-
-
-def gap_of(estimate: Estimate, slew: int, residuals: np.ndarray, channel: str) -> np.ndarray:
-    """Readings less predicted ones (rows, n) from residuals in stated sigmas; 0 for a NaN."""
-    place = estimate.model.structure.place(channel)
-    white = np.asarray(estimate.stated[place].factors)[slew, : len(residuals)]
-    # Nothing was measured where a factor's row is zero.
-    filled = white + np.where(np.isfinite(residuals)[..., None], 0.0, np.eye(white.shape[-1]))
-    return np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
 
 
 def _turn_seen(

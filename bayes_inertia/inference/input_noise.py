@@ -24,8 +24,8 @@ from scipy.sparse.linalg import spsolve
 from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.inference.cleaning import gap_of, refitted
-from bayes_inertia.inference.laplace import Estimate, plain_series
+from bayes_inertia.inference.cleaning import refitted
+from bayes_inertia.inference.laplace import Estimate, gap_of, plain_series
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.physics.actuators.gimballed_rotors import turning
 from bayes_inertia.physics.channels.rate import RateChannel

@@ -249,6 +249,11 @@ class Estimate:
                 tests[name] = scale_test(scale, noise.scale_spread, tests[name])
         return tests
 
+    @property
+    def is_too_large(self) -> bool:
+        """Whether residuals of any channel are."""
+        return any(test.too_large for test in self.tests.values())
+
     @cached_property
     def robust_sd(self) -> np.ndarray | None:
         """Standard deviations (d,) that the slews themselves support, None for a single slew."""
@@ -390,6 +395,15 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
     """
     white = with_memory(estimate.model, estimate.stated, estimate.theta, measured=False)
     return residual_series(estimate.model, estimate.point, white)
+
+
+def gap_of(estimate: Estimate, slew: int, residuals: np.ndarray, channel: str) -> np.ndarray:
+    """Readings less predicted ones (rows, n) from residuals in stated sigmas; 0 for a NaN."""
+    place = estimate.model.structure.place(channel)
+    white = np.asarray(estimate.stated[place].factors)[slew, : len(residuals)]
+    # Nothing was measured where a factor's row is zero.
+    filled = white + np.where(np.isfinite(residuals)[..., None], 0.0, np.eye(white.shape[-1]))
+    return np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
 
 
 def marginal(estimate: Estimate) -> Marginal:

@@ -126,7 +126,7 @@ def resumed(previous: Estimate, model: Model) -> Estimate:
     channels = np.any(previous.discount != 1.0, axis=0)
     if channels.any() and model.noise.is_stated:
         fitted = _discounted_fit(model, point, previous.discount, channels, free, starts)
-        if any(test.too_large for test in fitted.tests.values()):
+        if fitted.is_too_large:
             return fitted
     full = np.ones_like(previous.discount)
     optimum = _optimum_with_noise(model, point, full, free)

@@ -206,6 +206,17 @@ def test_the_field_of_an_orbit_is_in_no_column(example, by_torque):
         assert bool(of_the_field(tried)) == some
 
 
+@pytest.mark.parametrize(("factor", "doubted"), [(1.0, False), (1e-4, True)])
+def test_a_field_of_a_size_that_the_earth_has_in_no_orbit_is_doubted(example, factor, doubted):
+    slews = [
+        replace(slew, magnetic_field_N=np.full((len(slew.time), 3), 2e-5 * factor))
+        for slew in example.slews
+    ]
+    check = check_conventions(replace(example, slews=slews))
+    said = [doubt for doubt in check.doubts if "look at its unit" in doubt]
+    assert (check.verdict == "doubtful", bool(said)) == (doubted, doubted)
+
+
 def test_the_noise_of_gimbal_angles_is_noise_of_the_momentum(example):
     momentum, sd = 4.0, 1e-3
     rotors = GimballedRotors("cmg", momentum, np.eye(3), np.eye(3)[[1, 2, 0]], angle_sigma=sd)
