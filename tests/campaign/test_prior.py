@@ -90,7 +90,7 @@ def test_a_written_campaign_reads_back_with_its_prior(tmp_path):
     ("content", "says"),
     [
         ({}, "it holds no 'as_prior'; fit that campaign again"),
-        ({"as_prior": None}, "the result is not trusted"),
+        ({"as_prior": None}, "the result quotes no sd"),
         ({"as_prior": {"names": ["Jxx"]}}, "no prior of J and K"),
         ({"as_prior": PRIOR.json() | {"mean": [1.0]}}, "3 names do not fit the numbers"),
     ],
