@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.plan_folder import plan_for
-from bayes_inertia.app.result_folder import NEW_RUN, finished_posterior
+from bayes_inertia.app.result_folder import GIVE_A_RUN, NEW_RUN, finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import require
@@ -88,8 +88,7 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
 
 def _campaign_of(run: Path) -> Campaign:
     what = "the run keeps no campaign, so nothing tells whether the plan was flown"
-    advice = "give the folder that `fit -o` or `diagnose -o` wrote"
-    require((run / "run.json").is_file(), str(run), what, advice)
+    require((run / "run.json").is_file(), str(run), what, GIVE_A_RUN)
     return campaign_of_run(run, read_run(run))
 
 

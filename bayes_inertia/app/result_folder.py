@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 # What to do where a run is damaged.
 NEW_RUN = "start a new run in another folder"
+# What to do where a folder holds no run.
+GIVE_A_RUN = "give the folder that `fit -o` or `diagnose -o` wrote"
 _ADVICE = "choose another folder; nothing was overwritten"
 
 
@@ -48,7 +50,7 @@ def finished_posterior(folder: Path) -> Posterior:
 
     stored = folder / "posterior.nc"
     what = "no run here: there is neither run.json nor posterior.nc"
-    advice = "give the folder that `fit -o` or `diagnose -o` wrote"
+    advice = GIVE_A_RUN
     if (folder / "run.json").is_file():
         what = "the run is not finished: it has no posterior.nc"
         advice = f"finish it with `bayes-inertia resume {folder}`"

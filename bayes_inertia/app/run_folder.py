@@ -24,7 +24,13 @@ from bayes_inertia.app.diagnosis_json import (
     to_json,
 )
 from bayes_inertia.app.fit_campaign import fit, import_in_background
-from bayes_inertia.app.result_folder import NEW_RUN, ResultFolder, origin, write_json
+from bayes_inertia.app.result_folder import (
+    GIVE_A_RUN,
+    NEW_RUN,
+    ResultFolder,
+    origin,
+    write_json,
+)
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
@@ -95,7 +101,7 @@ class Run:
 def read_run(folder: Path) -> Run:
     """The run that a folder holds."""
     path = folder / "run.json"
-    require(path.is_file(), str(path), "no run here", "give the folder that `fit -o` wrote")
+    require(path.is_file(), str(path), "no run here", GIVE_A_RUN)
     content = read_sealed_json(path, NEW_RUN)
     try:
         if content.get("format") != FORMAT:

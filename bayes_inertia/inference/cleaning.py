@@ -34,13 +34,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import integrate, ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import body_rates
+from bayes_inertia.campaign.hardware import RateSensor, body_rates
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.faults.quantisation import quantisation_sigma
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.laplace import Estimate, gap_of, plain_series
+from bayes_inertia.inference.laplace import Estimate, gap_of, plain_series, predicted_readings
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_colour import (
     Colour,
@@ -398,8 +398,8 @@ def with_shared_errors(estimate: Estimate, channel: str, level: float) -> float:
     if not has_one_error(steps):
         return level
     kept = np.flatnonzero(steps)
-    every = [x[:, kept] / steps[kept] for x in _paths(estimate, channel, level)]
-    paths, motions = ([column[np.isfinite(column)] for column in x.T] for x in every)
+    every = (x[..., kept].reshape(-1, len(kept)) for x in _paths(estimate, channel, level))
+    paths, motions = ([x[np.isfinite(x)] for x in (own / steps[kept]).T] for own in every)
     # Stated noise that holds the rounding is smaller without it.
     rounding = quantisation_sigma(1.0) * steps[kept]
     without = np.sqrt(np.maximum(level**2 - rounding**2, 0.0)) / steps[kept]
@@ -408,24 +408,23 @@ def with_shared_errors(estimate: Estimate, channel: str, level: float) -> float:
 
 
 def _paths(estimate: Estimate, channel: str, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted readings (rows, components), and without the offset fitted beside their size.
+    """Predicted readings (slews, n, components), and without an offset fitted beside their size.
 
-    In stated sigmas; a bias that is known is no offset, and tachometers have one in each slew.
+    In stated sigmas. A gyro's bias counts as far as it is open; others have an offset in each slew.
     """
     model = estimate.model
     campaign, stream = model.campaign, stream_named(channel, model.campaign)
     sigma, sensor = np.array(stream.sigma(campaign), float), stream.hardware(campaign)
-    readings, paths = model.channels[model.structure.place(channel)].readings, []
-    for s, left in enumerate(plain_series(estimate)[channel]):
-        given = readings(campaign, campaign.slews[s])
-        true = given.values - gap_of(estimate, s, left[: len(given.values)], channel)
-        paths.append(np.where(given.valid, true, np.nan) / sigma)
-    every = np.concatenate(paths)
-    if sensor is None:
-        return every, np.concatenate([path - np.nanmean(path, axis=0) for path in paths])
-    motion, count = every - np.array(sensor.bias) / sigma, np.isfinite(every).sum(axis=0)
-    free = count * (np.array(sensor.bias_sigma) / (level * sigma)) ** 2
-    return every, motion - free / (1.0 + free) * np.nanmean(motion, axis=0)
+    place, left = model.structure.place(channel), np.stack(plain_series(estimate)[channel])
+    given = model.data.arrays.telemetry.readings[place]
+    predicted = predicted_readings(estimate, place, np.nan_to_num(left))
+    path = model.channels[place].known(given._replace(values=predicted)) / sigma
+    if not isinstance(sensor, RateSensor):
+        counts = np.maximum(np.isfinite(path).sum(axis=1, keepdims=True), 1)
+        return path, path - np.nansum(path, axis=1, keepdims=True) / counts
+    motion = path - np.array(sensor.bias) / sigma
+    free = np.isfinite(path).sum((0, 1)) * (np.array(sensor.bias_sigma) / (level * sigma)) ** 2
+    return path, motion - free / (1.0 + free) * np.nanmean(motion, axis=(0, 1))
 
 
 def _with_rounding(fit: CleanFit) -> DirtTreatment:

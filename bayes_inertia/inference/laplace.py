@@ -406,6 +406,17 @@ def gap_of(estimate: Estimate, slew: int, residuals: np.ndarray, channel: str) -
     return np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
 
 
+def predicted_readings(estimate: Estimate, place: int, residual: np.ndarray) -> np.ndarray:
+    """Predictions of a channel (slews, n, columns): what is measured less residuals (slews, n, c).
+
+    Residuals in stated sigmas.
+    """
+    channel, white = estimate.model.channels[place], estimate.stated[place]
+    given = estimate.model.data.arrays.telemetry.readings[place].values
+    error = channel.unwhitened(np.asarray(white.factors), residual)
+    return channel.moved(np.asarray(given), -error)
+
+
 def marginal(estimate: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = estimate.model, estimate.point

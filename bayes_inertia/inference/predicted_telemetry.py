@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
-from bayes_inertia.inference.laplace import Estimate, marginal
+from bayes_inertia.inference.laplace import Estimate, marginal, predicted_readings
 from bayes_inertia.inference.likelihood import Point, Residuals, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
@@ -57,7 +57,9 @@ def predicted_telemetry(
     ):
         for place, channel, valid, density, norm in channels:
             name, known = channel.name, valid.sum(-1)
-            values = _predicted(estimate, place, np.asarray(gaps[place]).reshape(valid.shape))
+            values = predicted_readings(
+                estimate, place, np.asarray(gaps[place]).reshape(valid.shape)
+            )
             if name not in predicted:
                 predicted[name] = np.empty((len(thinned), *values.shape))
                 pointwise[name] = np.empty((len(thinned), *known.shape), np.float32)
@@ -111,14 +113,6 @@ def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     steps = np.linspace(0, draws - 1, LIMITS.telemetry_draws).astype(int)
     chosen = chains.samples[:, rng.integers(0, walkers, LIMITS.telemetry_draws), steps]
     return chosen.reshape(ensembles * LIMITS.telemetry_draws, -1)
-
-
-def _predicted(estimate: Estimate, place: int, residual: np.ndarray) -> np.ndarray:
-    """Predictions of a channel: what is measured minus residuals in stated sigmas."""
-    channel, white = estimate.model.channels[place], estimate.stated[place]
-    given = estimate.model.data.arrays.telemetry.readings[place].values
-    error = channel.unwhitened(np.asarray(white.factors), residual)
-    return channel.moved(np.asarray(given), -error)
 
 
 def _with_noise(

@@ -229,6 +229,7 @@ def noise_model_from_text(families: Sequence[str] = (), sampled: Sequence[str] =
     for text in families:
         channel, _, family = text.partition("=")
         channel = channel.strip()
+        _require(bool(family), f"{text!r} has no distribution", "write rate=student_t", "--noise")
         _require(channel not in chosen, f"{channel} is given twice", "choose one", "--noise")
         name, _, degrees = family.strip().partition(":")
         chosen[channel] = {"family": name, **_degrees(name, degrees)}

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 from support.other_spacecraft import by_thrusters
 
-from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.hardware import CorrelatedNoise, DirectionSensor, RateSensor
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EstimateError
@@ -36,6 +36,7 @@ from bayes_inertia.inference.noise_colour import (
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root
+from bayes_inertia.maths.quaternion import to_body
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -147,6 +148,30 @@ def test_coarse_rounding_is_counted_once(flown, sigmas):
     assert result.estimate.model.campaign.shared_errors == ("rate",)
     assert not any(test.rejected for test in result.estimate.tests.values())
     assert result.treatment.level["rate"] > np.hypot(1.0, sigmas / 12.0**0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("channel", ["momentum", "magnetometer"])
+def test_coarse_rounding_is_counted_in_every_sensor(channel):
+    rng, small = np.random.default_rng(21), small_campaign()
+    sensor = DirectionSensor(2e-7, unit="T")
+
+    def change(i, slew):
+        h = slew.wheel_momentum + 5e-6 * rng.normal(size=slew.wheel_momentum.shape)
+        field = np.asarray(to_body(slew.attitude, slew.magnetic_field_N))
+        field = field + 2e-7 * rng.normal(size=field.shape)
+        rate = slew.rate + 2e-5 * rng.normal(size=slew.rate.shape)
+        if channel == "momentum":
+            h = np.round(h / 5e-5) * 5e-5
+        else:
+            field = np.round(field / 2e-6) * 2e-6
+        return replace(slew, wheel_momentum=h, rate=rate, more={"magnetometer": field})
+
+    seen = replace(small, more_sensors=(("magnetometer", sensor),))
+    result = clean_fit(fitted(changed(seen, change)))
+    assert result.treatment.rounded == (channel,)
+    assert result.estimate.model.campaign.shared_errors == (channel,)
+    assert not too_large(result.estimate)
 
 
 @pytest.mark.parametrize("profile", ["smooth", "plateau", "noisy"])

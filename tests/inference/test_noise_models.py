@@ -358,7 +358,7 @@ def test_noise_is_asked_for_in_words(flown):
     assert Model(flown.campaign, noise=noise).space.names[9:] == noise.names
     for texts, sampled, words in (
         (["rate=cauchy"], [], "no distribution is called 'cauchy'"),
-        (["rate"], [], "no distribution is called ''"),
+        (["rate"], [], "'rate' has no distribution; write rate=student_t"),
         (["rate=student_t:few"], [], "'few' degrees of freedom"),
         (["rate=student_t:0.5"], [], "0.5 degrees of freedom"),
         (["rate=student_t:inf"], [], "inf degrees of freedom"),
