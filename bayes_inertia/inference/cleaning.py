@@ -24,7 +24,7 @@ torques change is left alone all the same, since an effect could do that where r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -52,6 +52,7 @@ from bayes_inertia.inference.noise_colour import (
     is_alike_everywhere,
     is_coarse,
     level_of_rounded,
+    noise_beside_rounding,
     rounding_steps,
     white_factor,
 )
@@ -287,22 +288,22 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     return _masks((), *_outliers_in(estimate))
 
 
-def _masks(
-    old: tuple[Dirt, ...],
-    new: Mapping[tuple[str, str], np.ndarray],
-    too_many: Mapping[str, float],
-) -> tuple[Dirt, ...]:
+# Rows of outliers by channel and slew; the share of outliers in channels that have too many.
+_Rows = dict[tuple[str, str], np.ndarray]
+_Shares = dict[str, float]
+
+
+def _masks(old: tuple[Dirt, ...], new: _Rows, too_many: _Shares) -> tuple[Dirt, ...]:
     """Masks of both, one record a channel and slew; a record of each channel with too many."""
-    rows: dict[tuple[str, str], Iterable[int]] = {
-        (d.channel, d.slew): d.rows for d in old if d.slew
-    }
+    left = [dirt for dirt in old if dirt.slew]
+    rows: dict[tuple[str, str], Iterable[int]] = {(d.channel, d.slew): d.rows for d in left}
     rows |= {key: {*rows.get(key, ()), *numbers} for key, numbers in new.items()}
     where = "far beyond the readings before and after"
-    left = (
+    of_all = (
         Dirt("outliers", channel, "", (), "ignored", f"{100.0 * share:.2g} % of them are {where}")
         for channel, share in too_many.items()
     )
-    return (*(_outliers(*key, own, "masked", where) for key, own in rows.items()), *left)
+    return (*(_outliers(*key, own, "masked", where) for key, own in rows.items()), *of_all)
 
 
 def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, where: str) -> Dirt:
@@ -312,15 +313,13 @@ def _outliers(channel: str, slew: str, rows: Iterable[int], treated: Treatment, 
     return Dirt("outliers", channel, slew, numbers, treated, note)
 
 
-def _outliers_in(
-    estimate: Estimate,
-) -> tuple[dict[tuple[str, str], np.ndarray], dict[str, float]]:
+def _outliers_in(estimate: Estimate) -> tuple[_Rows, _Shares]:
     """Rows of outliers among an estimate's residuals, by channel and slew.
 
     `estimate`: A fit; what its campaign masks already is not looked at. Returns too: of channels
     with so many that they are its noise, the share; none of these is among the rows.
     """
-    model, series, too_many = estimate.model, plain_series(estimate), dict[str, float]()
+    model, series, too_many = estimate.model, plain_series(estimate), _Shares()
     slews, steps, hit = model.campaign.slews, rounding_steps(model.campaign), {}
     for channel in sorted(model.channels, key=lambda c: not c.stream.is_series):
         name = channel.name
@@ -399,16 +398,19 @@ def with_shared_errors(estimate: Estimate, channel: str, level: float) -> float:
         return level
     kept = np.flatnonzero(steps)
     every = (x[..., kept].reshape(-1, len(kept)) for x in _paths(estimate, channel, level))
-    paths, motions = ([x[np.isfinite(x)] for x in (own / steps[kept]).T] for own in every)
+    readings, paths, motions = ([x[np.isfinite(x)] for x in (own / steps[kept]).T] for own in every)
     # Stated noise that holds the rounding is smaller without it.
     rounding = quantisation_sigma(1.0) * steps[kept]
-    without = np.sqrt(np.maximum(level**2 - rounding**2, 0.0)) / steps[kept]
-    factor = factor_of_shared_errors(paths, motions, without)
+    stated = np.sqrt(np.maximum(level**2 - rounding**2, 0.0)) / steps[kept]
+    seen = map(noise_beside_rounding, readings, paths, motions)
+    factor = factor_of_shared_errors(paths, motions, np.minimum(stated, [*seen]))
     return float(np.sqrt(level**2 + (factor**2 - 1.0) * rounding.max() ** 2))
 
 
-def _paths(estimate: Estimate, channel: str, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted readings (slews, n, components), and without an offset fitted beside their size.
+def _paths(
+    estimate: Estimate, channel: str, level: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings (slews, n, components), predicted ones, and these without a fitted offset.
 
     In stated sigmas. A gyro's bias counts as far as it is open; others have an offset in each slew.
     """
@@ -418,13 +420,14 @@ def _paths(estimate: Estimate, channel: str, level: float) -> tuple[np.ndarray, 
     place, left = model.structure.place(channel), np.stack(plain_series(estimate)[channel])
     given = model.data.arrays.telemetry.readings[place]
     predicted = predicted_readings(estimate, place, np.nan_to_num(left))
-    path = model.channels[place].known(given._replace(values=predicted)) / sigma
+    known = model.channels[place].known
+    read, path = (known(given._replace(values=x)) / sigma for x in (given.values, predicted))
     if not isinstance(sensor, RateSensor):
         counts = np.maximum(np.isfinite(path).sum(axis=1, keepdims=True), 1)
-        return path, path - np.nansum(path, axis=1, keepdims=True) / counts
+        return read, path, path - np.nansum(path, axis=1, keepdims=True) / counts
     motion = path - np.array(sensor.bias) / sigma
     free = np.isfinite(path).sum((0, 1)) * (np.array(sensor.bias_sigma) / (level * sigma)) ** 2
-    return path, motion - free / (1.0 + free) * np.nanmean(motion, axis=(0, 1))
+    return read, path, motion - free / (1.0 + free) * np.nanmean(motion, axis=(0, 1))
 
 
 def _with_rounding(fit: CleanFit) -> DirtTreatment:

@@ -400,10 +400,8 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 def gap_of(estimate: Estimate, slew: int, residuals: np.ndarray, channel: str) -> np.ndarray:
     """Readings less predicted ones (rows, n) from residuals in stated sigmas; 0 for a NaN."""
     place = estimate.model.structure.place(channel)
-    white = np.asarray(estimate.stated[place].factors)[slew, : len(residuals)]
-    # Nothing was measured where a factor's row is zero.
-    filled = white + np.where(np.isfinite(residuals)[..., None], 0.0, np.eye(white.shape[-1]))
-    return np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
+    factors = np.asarray(estimate.stated[place].factors)[slew, None, : len(residuals)]
+    return estimate.model.channels[place].unwhitened(factors, np.nan_to_num(residuals)[None])[0]
 
 
 def predicted_readings(estimate: Estimate, place: int, residual: np.ndarray) -> np.ndarray:

@@ -476,6 +476,25 @@ def factor_of_shared_errors(
     return float(np.sqrt(max(1.0, 1.0 + shared / total))) if total else 1.0
 
 
+def noise_beside_rounding(readings: np.ndarray, path: np.ndarray, motion: np.ndarray) -> float:
+    """The sd of the noise of rounded readings, without their rounding [steps].
+
+    Noise n moves a reading by |n| steps on average, whatever the place between two steps.
+
+    `readings`, `path` (rows,): as read, and true [steps]; `motion` (rows,): what a row counts for.
+
+    Examples
+    --------
+    >>> path, noise = np.linspace(0.0, 40.0, 4000), 0.1 * np.random.default_rng(1).normal(size=4000)
+    >>> round(noise_beside_rounding(np.round(path + noise), path, path), 2)
+    0.1
+    """
+    if not motion.any():
+        return 0.0
+    moved = np.abs(np.round(readings - readings[0]) - np.round(path - readings[0]))
+    return float(np.sqrt(0.5 * np.pi) * np.average(moved, weights=motion**2))
+
+
 def level_of_rounded(measured: float, steps: np.ndarray) -> float:
     """The noise of a rounded channel.
 
@@ -489,5 +508,5 @@ def level_of_rounded(measured: float, steps: np.ndarray) -> float:
     (2.0, 1.1)
     """
     factor = factor_of_rounding(steps)
-    trusted = not is_coarse(steps) or measured > LIMITS.louder_than_coarse * factor
+    trusted = not has_one_error(steps) or measured > LIMITS.louder_than_coarse * factor
     return max(factor, measured) if trusted else factor
