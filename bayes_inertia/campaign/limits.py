@@ -75,7 +75,7 @@ class Limits:
     # two groups.
     fix_group_share: float = 0.1
     fix_group_spacings: float = 5.0
-    one_moment_s: float = 1.0  # [s]; dates of a slew's start and its first row closer than this
+    one_moment_s: float = 1.0  # [s]; a slew's start and its first row closer than this are one date
     # Rows with a reading of every axis are enough to tell the motion if they are this share of all.
     enough_complete_rows: float = 0.1
 

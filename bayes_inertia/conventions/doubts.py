@@ -241,10 +241,10 @@ def field_of_no_orbit(campaign: Campaign, stated: Stated) -> Iterator[str]:
     given = [x for slew in campaign.slews if (x := slew.magnetic_field_N) is not None]
     known = [rows[np.isfinite(rows).all(axis=1)] for rows in given]
     if sum(map(len, known)) and not is_of_earth(known):
-        size, entries = np.linalg.norm(np.concatenate(known), axis=1), stated.of(FIELD)
+        sizes, entries = np.linalg.norm(np.concatenate(known), axis=1), stated.of(FIELD)
         where = path_of(entries[0]) if entries else "magnetic_field_N"
         yield (
-            f"{where}: the field is {np.median(size):.2g} T, where the Earth's is "
+            f"{where}: the field is {np.median(sizes):.2g} T, where the Earth's is "
             f"{LIMITS.weakest_field:.0e} to {LIMITS.strongest_field:.0e} T; look at its unit"
         )
 

@@ -100,6 +100,7 @@ class LinearModel:
         """What the fit imitates (unknowns, c) of the columns."""
         return self.fit.imitated(self.columns)
 
+    @cached_property
     def told_by_data(self) -> np.ndarray:
         """S (c, c) without what only the prior of J and K tells of amplitudes.
 
@@ -198,11 +199,12 @@ def _without_scales(model: LinearModel, held: Sequence[str]) -> LinearModel:
 
     J is told on the scale of what such a gain would change: that is said of the result.
     """
-    each, kept = (model.system.matrix, model.told_by_data()), []
+    each, scales = (model.system.matrix, model.told_by_data), list[str]()
     for member in model.members:
         seen, by_data = (len(visible(matrix, member.index)[0]) for matrix in each)
-        kept += [member] if member.name in held or by_data or not seen else []
-    return replace(model, members=tuple(kept))
+        scales += [member.name] if seen and not by_data and member.name not in held else []
+    kept = tuple(member for member in model.members if member.name not in scales)
+    return replace(model, members=kept) if scales else model
 
 
 def _scales(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -203,9 +203,8 @@ def undetected_alternatives(
     # The first is nothing; a log evidence may be too large for its exponential.
     log_odds = np.append(0.0, np.array(evidence) - np.log(len(linear.members)))
     probabilities = softmax(log_odds)[1:].tolist()
-    told = linear.told_by_data()
     rows = (
-        _alternative(held, linear, member, probability, told)
+        _alternative(held, linear, member, probability)
         for member, probability in zip(linear.members, probabilities, strict=True)
     )
     return tuple(row for row in rows if row is not None)
@@ -244,15 +243,11 @@ def _linearised(estimate: Estimate, held: Estimate) -> LinearisedFit:
 
 
 def _alternative(
-    estimate: Estimate,
-    linear: LinearModel,
-    member: FixedMember,
-    probability: float,
-    told: np.ndarray,
+    estimate: Estimate, linear: LinearModel, member: FixedMember, probability: float
 ) -> AlternativeParameters | None:
-    """J and K with one effect more, of prior size; None if the data (`told`) cannot see it."""
+    """J and K with one effect more, of prior size; None if the data alone cannot see it."""
     system, names = linear.system, estimate.model.space.names[: len(linear.null)]
-    _, directions = visible(told, member.index)
+    _, directions = visible(linear.told_by_data, member.index)
     own, base = directions.shape[1], np.arange(-len(names), 0)
     if not own:
         return None

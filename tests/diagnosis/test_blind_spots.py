@@ -146,7 +146,7 @@ def test_a_gain_that_scales_J_alone_is_seen_by_no_data_and_widens_nothing():
         fitted = estimate(Model(campaign), starts=1, discount=False)
         linear = linear_model(move_to(fitted, Model(campaign, library)))
         (member,) = linear.members
-        each = (linear.system.matrix, linear.told_by_data())
+        each = (linear.system.matrix, linear.told_by_data)
         block = np.ix_(member.index, member.index)
         powers[narrow] = [np.linalg.eigvalsh(matrix[block]) for matrix in each]
         if narrow:
