@@ -24,6 +24,7 @@ FIT = {
     "starts_agreeing": [3, 3],
 }
 # As large as predicted, and no white noise.
+TOO_MANY = {"kind": "outliers", "channel": "rate", "slew": "", "rows": [], "treated": "ignored"}
 STRUCTURED = FIT | {
     "reduced_chi2": FIT["reduced_chi2"] | {"rate": 1.02},
     "p_white": FIT["p_white"] | {"rate": 9e-4},
@@ -96,6 +97,12 @@ TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_
             "Do not use this result as it stands: the model does not explain the data, rate sensor "
             "(residuals structured in time, p = 9 × 10⁻⁴). Run “bayes-inertia diagnose” to find "
             "what is missing.",
+        ),
+        (
+            {"failed": "explained", "fit": STRUCTURED, "dirt": [TOO_MANY]},
+            "Do not use this result as it stands: the model does not explain the data, rate sensor "
+            "(residuals structured in time, p = 9 × 10⁻⁴). Outliers of the rate sensor are too "
+            "many to be left out: fit with “--noise rate=student_t”, which models them.",
         ),
         (
             {"failed": "explained", "fit": STRUCTURED, "verdict": "consistent"},
